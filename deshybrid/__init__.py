@@ -1,0 +1,1 @@
+"""deshybrid: a discrete-event and automaton toolkit with a hybrid-observer compiler."""

@@ -1,0 +1,1 @@
+"""Switched error dynamics: gains, dwell-time certificates, ultimate bounds."""

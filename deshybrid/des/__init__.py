@@ -1,0 +1,1 @@
+"""Automata: discrete-event systems, epsilon-elimination, observers, observability, signatures."""

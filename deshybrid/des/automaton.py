@@ -1,0 +1,129 @@
+"""The nondeterministic discrete-event system D_H: locations, events, and transitions with discrete outputs.
+
+A transition may carry several outputs (any of them may be seen) and the null output ε, written `None`.  A complementary
+DES carries, beside the output γ, a signature s on some transitions; what an observer sees is then the pair (γ, s).
+
+Source: Balluchi et al. (2012), section 3.1 (D_H) and section 4.1 (complementary DES).
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import NamedTuple
+
+from deshybrid.diagnostics import ModelError, Span, diagnostic
+
+
+class Output(NamedTuple):
+    """What the observer sees at a transition: the discrete output γ, a signature s, or both; never neither.
+
+    >>> str(Output("α")), str(Output(None, "s_5")), str(Output("α", "s_5"))
+    ('α', 's_5', 'α,s_5')
+    """
+
+    gamma: str | None
+    signature: str | None = None
+
+    def __str__(self) -> str:
+        return ",".join(part for part in self if part is not None)
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """One arc `source` —event/outputs→ `target`; `outputs` lists every γ it may show, `None` is ε."""
+
+    source: str
+    event: str
+    target: str
+    outputs: tuple[str | None, ...] = (None,)
+    signature: str | None = None
+    span: Span | None = field(default=None, compare=False, repr=False)
+    output_span: Span | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def seen(self) -> tuple[Output | None, ...]:
+        """What may be seen when the transition is taken, in the order written; `None` = nothing.
+
+        >>> Transition("1", "a", "2", ("α", None)).seen
+        (Output(gamma='α', signature=None), None)
+        """
+        signature = self.signature
+        return tuple(
+            None if gamma is None and signature is None else Output(gamma, signature) for gamma in self.outputs
+        )
+
+    @property
+    def is_observable(self) -> bool:
+        """True where every occurrence shows something (condition C1 asks this of exits of persistent locations)."""
+        return None not in self.seen
+
+    def __str__(self) -> str:
+        shown = "|".join("ε" if seen is None else str(seen) for seen in self.seen)
+        return f"{self.source} -{self.event}/{shown}-> {self.target}"
+
+
+@dataclass(frozen=True, slots=True)
+class DES:
+    """D_H: a nondeterministic discrete-event system; order of locations and transitions is order of declaration.
+
+    Raises `ModelError` (DH0301) when a transition or the initial set names an unknown location, or one is given twice.
+
+    >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", None)])
+    >>> des.locations, des.initial
+    (('1', '2'), ('1', '2'))
+    """
+
+    locations: tuple[str, ...]
+    transitions: tuple[Transition, ...]
+    initial: tuple[str, ...] = ()
+    name: str = "des"
+    location_spans: Mapping[str, Span] = field(default_factory=lambda: MappingProxyType({}), compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "initial", self.initial or self.locations)
+        known = set(self.locations)
+        if len(known) < len(self.locations):
+            raise ModelError(diagnostic("DH0301", "a location is declared twice"))
+        unknown = [(t.span, name) for t in self.transitions for name in (t.source, t.target) if name not in known] + [
+            (None, name) for name in self.initial if name not in known
+        ]
+        if unknown:
+            raise ModelError(*(diagnostic("DH0301", f"unknown location `{name}`", span) for span, name in unknown))
+
+    @classmethod
+    def from_transitions(
+        cls,
+        transitions: Iterable[tuple[str, str, str, str | None]],
+        *,
+        initial: Iterable[str] = (),
+        name: str = "des",
+    ) -> "DES":
+        """Build a system from (source, event, target, output) rows; output `None` is ε.
+
+        Locations appear in the order of first mention; rows with equal source, event and target join their outputs.
+
+        >>> des = DES.from_transitions([("p", "a", "q", "α"), ("p", "a", "q", None)])
+        >>> des.transitions[0].outputs
+        ('α', None)
+        """
+        outputs: dict[tuple[str, str, str], dict[str | None, None]] = {}
+        locations: dict[str, None] = {}
+        for source, event, target, output in transitions:
+            locations.setdefault(source)
+            locations.setdefault(target)
+            outputs.setdefault((source, event, target), {})[output] = None
+        arcs = tuple(Transition(*arc, tuple(seen)) for arc, seen in outputs.items())
+        return cls(tuple(locations), arcs, tuple(initial), name)
+
+    def with_signatures(self, signatures: Mapping[int, str]) -> "DES":
+        """Return the complementary DES, in which transition number i carries the signature `signatures[i]`.
+
+        >>> des = DES.from_transitions([("2", "d", "5", None)])
+        >>> str(des.with_signatures({0: "s_5"}).transitions[0])
+        '2 -d/s_5-> 5'
+        """
+        arcs = tuple(replace(t, signature=signatures.get(i, t.signature)) for i, t in enumerate(self.transitions))
+        return replace(self, transitions=arcs)
+
+
+__all__ = ["DES", "Output", "Transition"]

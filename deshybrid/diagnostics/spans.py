@@ -1,0 +1,33 @@
+"""Places in a source text: what a message points at."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SourceText:
+    """A text under the name it is reported by, for example a model file's path as the user wrote it."""
+
+    name: str
+    text: str
+
+    def line(self, number: int) -> str:
+        """Return line `number`, counted from 1, without its end; empty beyond the text.
+
+        >>> SourceText("a.yaml", "x: 1\\ny: 2").line(2)
+        'y: 2'
+        """
+        lines = self.text.split("\n")
+        return lines[number - 1].rstrip("\r") if 1 <= number <= len(lines) else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A stretch of one line of a source: line and column count from 1, `length` counts characters."""
+
+    source: SourceText
+    line: int
+    column: int
+    length: int = 1
+
+    def __str__(self) -> str:
+        return f"{self.source.name}:{self.line}:{self.column}"

@@ -1,0 +1,1 @@
+"""Texts and pictures: DOT, SVG, HTML, C, Python."""

@@ -1,0 +1,217 @@
+"""The hybrid system H: locations with linear dynamics, transitions with resets, bounds, and wishes for its observer.
+
+All values are frozen and their arrays read-only.  A purely discrete model has no state: `is_discrete` is true and every
+location's `dynamics` is None.  Names are the text as written.  Source: Balluchi et al. (2012), section 2, (1)-(15).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal
+
+from deshybrid.diagnostics import Span
+from deshybrid.linear.arrays import FloatArray
+from deshybrid.linear.dynamics import LinearDynamics
+from deshybrid.model.predicates import Predicate
+
+if TYPE_CHECKING:
+    from deshybrid.model.source import SourceModel
+
+
+def _nothing() -> Mapping[str, Any]:
+    return MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True)
+class Dwell:
+    """Shortest and longest stay in seconds; `None` = not stated."""
+
+    min: float | None = None
+    max: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Location:
+    """One location q with its dynamics; `output_index` and `input_index` place its channels among the system's."""
+
+    name: str
+    dynamics: LinearDynamics | None = None
+    dwell: Dwell = Dwell()
+    invariant: Predicate | None = None
+    input_index: tuple[int, ...] = ()
+    output_index: tuple[int, ...] = ()
+    process_noise: FloatArray | None = None  # (n, n) covariance
+    measurement_noise: FloatArray | None = None  # (p, p) covariance
+    span: Span | None = field(default=None, repr=False)
+    spans: Mapping[str, Span] = field(default_factory=_nothing, repr=False)  # by key: "A", "C", ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AffineReset:
+    """x := matrix x + offset at a transition; matrix (n, n), offset (n,)."""
+
+    matrix: FloatArray
+    offset: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HybridTransition:
+    """`source` —event→ `target`; `outputs` are the possible γ, `None` = ε; without a guard the event is exogenous."""
+
+    source: str
+    event: str
+    target: str
+    outputs: tuple[str | None, ...] = (None,)
+    guard: Predicate | None = None
+    reset: AffineReset | None = None  # None in a discrete model; the identity where not written
+    span: Span | None = field(default=None, repr=False)
+    output_span: Span | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bounds:
+    """|.| per channel: state (n,), input (m,), disturbance (r,), measurement (p,); `None` where not stated."""
+
+    state: FloatArray | None = None
+    input: FloatArray | None = None
+    disturbance: FloatArray | None = None
+    measurement: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SignatureCandidate:
+    """What the model says of the signature of one location."""
+
+    location: str
+    cost: float = 1.0
+    by: Literal["residual", "negation"] | None = None  # None: either
+    span: Span | None = field(default=None, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class SignatureOptions:
+    """`candidates` None: any location may have a signature, cost 1; `forbid`: (source, target) never instrumented."""
+
+    candidates: tuple[SignatureCandidate, ...] | None = None
+    forbid: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DetectorOptions:
+    """What the model file fixes of the transition detector; `None` or a missing location = derived.
+
+    `poles` (rad/s) per location; `threshold`: the residual level, in output units per channel, below which a location
+    counts as matching; `release`: factor >= 1 from the lower to the upper relay level; `debounce`, `window`: seconds.
+    """
+
+    poles: Mapping[str, tuple[complex, ...]] = field(default_factory=_nothing)
+    threshold: Mapping[str, FloatArray] = field(default_factory=_nothing)
+    release: float | None = None
+    debounce: float | None = None
+    window: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObserverOptions:
+    """What the model file asks of the observer; rate in 1/s, dwell and step in seconds, poles in rad/s."""
+
+    rate: float | None = None
+    dwell: float | None = None
+    step: float | None = None
+    poles: Mapping[str, tuple[complex, ...]] = field(default_factory=_nothing)
+    gains: Mapping[str, FloatArray] = field(default_factory=_nothing)
+    initial_state: FloatArray | None = None
+    detector: DetectorOptions = DetectorOptions()
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementModel:
+    """How a sensor distorts one output: rounding to multiples of `quantum`, delay (s), white noise of a deviation."""
+
+    quantum: float = 0.0
+    delay: float = 0.0
+    noise: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SignalModel:
+    """A test signal: linear interpolation of `points` (time, value) held outside, steps where `hold`, plus a ripple.
+
+    ripple: `amplitude` · sin(2π · `frequency` · t); jitter: uniform in ±`random`, redrawn every `period` seconds.
+    """
+
+    points: tuple[tuple[float, float], ...] = ()
+    hold: bool = True
+    amplitude: float = 0.0
+    frequency: float = 0.0
+    random: float = 0.0
+    period: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulationOptions:
+    """How `simulate` drives the model: the plant's signals, and what the sensors make of them.
+
+    `requests` (time, event): an exogenous event asked for at that time, taken as soon as its guard holds.
+    `unmeasured` adds to an input what the trace does not tell (a torque ripple, say).
+    """
+
+    duration: float | None = None
+    location: str | None = None
+    state: FloatArray | None = None
+    requests: tuple[tuple[float, str], ...] = ()
+    input: Mapping[str, SignalModel] = field(default_factory=_nothing)
+    unmeasured: Mapping[str, SignalModel] = field(default_factory=_nothing)
+    disturbance: Mapping[str, SignalModel] = field(default_factory=_nothing)
+    measurement: Mapping[str, MeasurementModel] = field(default_factory=_nothing)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prior:
+    """Mean, covariance and location probabilities one step before the first row of a trace."""
+
+    mean: FloatArray | None = None
+    covariance: FloatArray | None = None
+    probability: Mapping[str, float] = field(default_factory=_nothing)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HybridSystem:
+    """H: the whole model as numbers, each value leading back to the line of the file it came from."""
+
+    name: str
+    locations: tuple[Location, ...]
+    transitions: tuple[HybridTransition, ...]
+    initial: tuple[str, ...]
+    state_names: tuple[str, ...] = ()
+    input_names: tuple[str, ...] = ()
+    output_names: tuple[str, ...] = ()
+    disturbance_names: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=_nothing)  # by channel name
+    time_step: float | None = None  # None = continuous time
+    bounds: Bounds = Bounds()
+    signatures: SignatureOptions = SignatureOptions()
+    observer: ObserverOptions = ObserverOptions()
+    simulation: SimulationOptions = SimulationOptions()
+    probability_from_to: Mapping[str, Mapping[str, float]] | None = None
+    prior: Prior | None = None
+    summary: str = ""
+    source_note: str = ""
+    source: "SourceModel | None" = field(default=None, repr=False)
+
+    @property
+    def is_discrete(self) -> bool:
+        """True where the model has no continuous state."""
+        return not self.state_names
+
+    def location(self, name: str) -> Location:
+        """Return the location of that name; KeyError if there is none."""
+        found = next((location for location in self.locations if location.name == name), None)
+        if found is None:
+            raise KeyError(name)
+        return found
+
+    def successors(self, name: str) -> tuple[str, ...]:
+        """Return Reach(q): the locations one transition away, in order of declaration."""
+        targets = {t.target for t in self.transitions if t.source == name}
+        return tuple(location.name for location in self.locations if location.name in targets)

@@ -1,0 +1,1 @@
+"""The hybrid observer and its reference step."""

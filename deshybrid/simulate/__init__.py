@@ -1,0 +1,1 @@
+"""Executions of a hybrid system, traces, replay of an observer on a trace, and its score."""
