@@ -3,28 +3,46 @@
 `HybridObserver` fills them; the reference step, the generated Python and the generated C read them and nothing else, in
 the same order of operations, so that the three agree bit for bit.
 
-One tick k, with the sample (u_k, y_k, event code) at time k·step:
-1. Unless it is the first tick: every generator state z and, while `flow` >= 0, the estimate x advance over the past step
-   with the held previous sample: z := zM z + zU u' + zY y' + zc, x := xM[flow] x + xU u' + xY y' + xc.
-   At the first tick z := z_start y + z_start_offset and x := x_start.
-2. Residual of generator g at the new sample: r = rC z + rD u + rg - y; level = max over channels of |r_c| · weight_c.
-   Relay: on when level <= 1, off when level > release, else as before.  Debounce: a generator becomes active after
-   `on_ticks` consecutive ticks with the relay on, inactive after `off_ticks` consecutive ticks with it off.
-3. Tracker: (a) an event moves to `on_event[state][event]`, or, where that is -1, reports `inconsistent` and moves to
-   `restart_on_event[event]`; (b) without event, a state with a `timeout_target` >= 0 or -2 left in silence for
-   `window_ticks` moves there (-2: inconsistent, to `restart`); (c) then the first candidate of the state whose condition
-   holds moves to its target.  A candidate holds when its `active` generator (if >= 0) is active and none of its `quiet`
-   generators is; the signature that fired last cannot fire again before its condition was false or it was no candidate.
-4. On a move into an identified state (location j) with `flow` = i >= 0: x := R1 x + R0 of `reset_index[i][j]` where >= 0.
-   `flow` becomes j in an identified state, stays in a provisional one, and becomes -1 (hold) in any other.
+One tick k, with the sample (u_k, y_k) and the event code at time k·step.  A sample is valid when every number v of it
+meets -LARGEST <= v <= LARGEST (so neither NaN nor infinite); the held sample (u', y') is the last valid one.
+1. Before the first valid sample nothing advances; with it, every z := z_start y + z_start_offset (x is x_start from the
+   beginning).  At every later tick each generator state z and, while `flow` >= 0, the estimate x advance over the past
+   step: z := zM z + zU u' + zY y' + zc, x := xM[flow] x + xU u' + xY y' + xc.
+   A vector of which a number then leaves ±LARGEST is put back: z to z_start y' + z_start_offset, x to x_start.
+2. A valid sample becomes the held one.  Residual of generator g at it: r = rC z + rD u + rg - y.
+   Relay: on while |r_c| · weight_c <= limit in every channel c; limit is 1 to switch on, `release` to stay on (a NaN
+   switches it off).  Debounce: a generator becomes active after `on_ticks` consecutive ticks with the relay on,
+   inactive after `off_ticks` consecutive ticks with it off.  At an invalid sample relay, debounce and activity stay.
+3. Tracker.  `silence` = ticks since the last move (0 at the move, and at the start; it stops at `window_ticks`);
+   `seen` = generators active at the last move's tick or since.
+   (a) An event moves to `on_event[state][event]`; where that is -1 the tick is inconsistent and the move goes to
+   `restart_on_event[event]`; a code that is no event moves to `restart`, inconsistent.
+   (b) Then the first candidate of the state that holds moves to its target.  A candidate holds when its `active`
+   generator is active and none of its `quiet` generators is.  A negation (`active` = -1) holds when none of its `quiet`
+   generators is active and either one of them is in `seen` or `silence` = `window_ticks`: generators that have not had
+   the time to become active are no evidence.  The signature that fired last does not hold before its condition was
+   false, or it was no candidate, at some tick's step (b).
+   (c) Without a move in (a) and (b), a state with `timeout_target` /= -1 and `silence` = `window_ticks` moves there
+   (-2: inconsistent, to `restart`).
+4. At each move, into an identified state (location j): with `flow` = i >= 0, x := R1 x + R0 of `reset_index[i][j]`
+   where that is >= 0; `flow` becomes j, or -1 where j has no continuous observer.  Into a provisional state `flow`
+   stays, into any other it becomes -1 (x is held).
 
-A sample with a number that is not finite is reported as `invalid`: nothing changes but the tick counter.
+Status: `inconsistent` if the tick was, else `invalid` if the sample was, else by the state: `identified`, `provisional`
+or `searching`.
+
+Arithmetic: every component is one sum from left to right that starts from its first product: the products with z (or x)
+in order of the columns, then those with u, then those with y, then the offset; a residual subtracts y_c last.
 """
 
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from deshybrid.linear.arrays import FloatArray
 
+LARGEST = 1e30
 STATUS_NAMES = ("searching", "identified", "provisional", "inconsistent", "invalid")
 
 
@@ -32,8 +50,8 @@ STATUS_NAMES = ("searching", "identified", "provisional", "inconsistent", "inval
 class FlowTables:
     """Sampled continuous observer, per location: x := matrix x + input u + output y + offset.
 
-    Shapes: matrix (L, n, n), input (L, n, m), output (L, n, p), offset (L, n), start (n,); `defined` (L,): false where a
-    location has no continuous observer (then `flow` is -1 there).
+    Shapes: matrix (L, n, n), input (L, n, m), output (L, n, p), offset (L, n), start (n,); `defined` (L,): false where
+    a location has no continuous observer (then `flow` is -1 there).
     """
 
     matrix: FloatArray
@@ -73,7 +91,7 @@ class GeneratorTables:
 class Candidate:
     """A signature the tracker listens for in one state."""
 
-    signature: int
+    signature: int  # number in `signature_names`
     active: int  # generator that must be active, -1 = none (negation)
     quiet: tuple[int, ...]  # generators that must not be active
     target: int  # tracker state
@@ -81,14 +99,14 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class TrackerState:
-    """A state of the location observer at run time: an entry estimate, or a provisional one while a signature is due."""
+    """A state of the location observer at run time: an entry estimate, provisional while a signature is due."""
 
     entry_estimate: tuple[int, ...]  # location numbers
     location: int  # location number where identified, else -1
     provisional: bool
     on_event: tuple[int, ...]  # by event number (code - 1): tracker state or -1
     candidates: tuple[Candidate, ...]
-    timeout_target: int = -1  # tracker state, -1 = no timeout, -2 = inconsistent
+    timeout_target: int = -1  # tracker state after `window_ticks` of silence, -1 = no timeout, -2 = inconsistent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,8 +129,63 @@ class StepTables:
     tracker: tuple[TrackerState, ...]
     initial: int
     restart: int
-    restart_on_event: tuple[int, ...]
+    restart_on_event: tuple[int, ...]  # by event number: always a tracker state
     window_ticks: int
     reset_index: tuple[tuple[int, ...], ...]  # (L, L), -1 = keep the state
     reset_matrix: FloatArray  # (K, n, n)
     reset_offset: FloatArray  # (K, n)
+
+
+def plain_tables(tables: StepTables) -> dict[str, object]:
+    """Return the tables as nested tuples of plain numbers under the names that `reference` reads.
+
+    A row holds the coefficients of one component in the order of its sum: state (or z), input, output.  A generator is
+    a mapping of its own; a tracker state is (location, provisional, on_event, candidates, timeout_target), a candidate
+    (signature, active, quiet, target).
+    """
+    flow = tables.flow
+    return {
+        "initial": tables.initial,
+        "restart": tables.restart,
+        "restart_on_event": tables.restart_on_event,
+        "window_ticks": tables.window_ticks,
+        "start": _plain(flow.start),
+        "flow_defined": flow.defined,
+        "flow_rows": _plain(np.concatenate((flow.matrix, flow.input, flow.output), axis=2)),
+        "flow_offset": _plain(flow.offset),
+        "reset_index": tables.reset_index,
+        "reset_rows": _plain(tables.reset_matrix),
+        "reset_offset": _plain(tables.reset_offset),
+        "generators": tuple(_plain_generator(tables.generators, g) for g in range(len(tables.generators.locations))),
+        "tracker": tuple(_plain_tracker_state(state) for state in tables.tracker),
+    }
+
+
+def _plain_generator(generators: GeneratorTables, g: int) -> dict[str, object]:
+    rows = np.concatenate((generators.matrix[g], generators.input[g], generators.output[g]), axis=1)
+    return {
+        "rows": _plain(rows),
+        "offset": _plain(generators.offset[g]),
+        "start": _plain(generators.start[g]),
+        "start_offset": _plain(generators.start_offset[g]),
+        "residual_rows": _plain(np.concatenate((generators.residual_state[g], generators.residual_input[g]), axis=1)),
+        "residual_offset": _plain(generators.residual_offset[g]),
+        "weight": _plain(generators.weight[g]),
+        "release": float(generators.release[g]),
+        "on_ticks": generators.on_ticks[g],
+        "off_ticks": generators.off_ticks[g],
+    }
+
+
+def _plain_tracker_state(state: TrackerState) -> tuple[object, ...]:
+    candidates = tuple((c.signature, c.active, c.quiet, c.target) for c in state.candidates)
+    return state.location, state.provisional, state.on_event, candidates, state.timeout_target
+
+
+def _plain(array: FloatArray) -> tuple[Any, ...]:
+    """Return an array as nested tuples of floats (`tolist` keeps every bit)."""
+
+    def frozen(values: Any) -> Any:
+        return tuple(frozen(value) for value in values) if isinstance(values, list) else values
+
+    return tuple(frozen(array.tolist()))

@@ -1,0 +1,187 @@
+"""The reference step of a hybrid observer, in plain Python: tables and a state in, a state and an estimate out.
+
+Nothing is changed in place and nothing beyond the standard library's `typing` is imported, so that this very text can
+be copied into a generated program.  `tables` is the mapping that `plain_tables` makes of `StepTables`; the text of the
+module `tables` says what a tick is, step by step.
+
+Every sum runs from left to right and starts from its first product, so that a C compiler that neither reorders nor
+fuses operations gets the same bits.  (Never the built-in `sum`: since Python 3.12 it compensates rounding errors.)
+
+A tick costs at most (G + 1) n (n + m + p) + G p (n + m) + n² multiplications for G residual generators.
+Source: Balluchi et al. (2012), section 4.2, (21)-(22), and Figure 15.
+"""
+
+from typing import Any, NamedTuple
+
+LARGEST = 1e30  # beyond it a number is taken for no measurement, and a state for a runaway
+SEARCHING, IDENTIFIED, PROVISIONAL, INCONSISTENT, INVALID = range(5)
+
+Numbers = tuple[float, ...]
+Flags = tuple[bool, ...]
+Tables = dict[str, Any]
+
+
+class State(NamedTuple):
+    """All that the observer remembers between two samples."""
+
+    ticks: int  # samples taken
+    sample: tuple[Numbers, Numbers] | None  # the last valid (input, output)
+    z: tuple[Numbers, ...]  # by generator: its state
+    relay: Flags  # by generator: small residual
+    debounce: tuple[int, ...]  # by generator: ticks for which relay and activity have differed
+    active: Flags  # by generator: the relay after the debounce
+    seen: Flags  # by generator: active at the last move or since
+    tracker: int  # tracker state
+    silence: int  # ticks since the last move, at most `window_ticks`
+    fired: int  # the signature that may not fire again yet, or -1
+    flow: int  # the location whose continuous observer runs, or -1
+    x: Numbers  # the estimate of the continuous state
+
+
+def start(tables: Tables) -> State:
+    """Return the state before the first sample."""
+    none = (False,) * len(tables["generators"])
+    return State(0, None, (), none, (0,) * len(none), none, none, tables["initial"], 0, -1, -1, tables["start"])
+
+
+def step(
+    tables: Tables, state: State, sample_input: Numbers, sample_output: Numbers, event: int
+) -> tuple[State, tuple[int, int, int, int, Numbers]]:
+    """Return the state after one sample, and the estimate (location, tracker state, signature, status, x).
+
+    `event` is 0 for none, else 1 + the number of the event; location and signature are -1 where there is none.
+    """
+    valid = is_within(sample_input) and is_within(sample_output)
+    state = advance(tables, state)
+    if valid:
+        state = decide(tables["generators"], state, sample_input, sample_output)
+    silence = min(state.silence + 1, tables["window_ticks"]) if state.ticks > 0 else 0
+    seen = tuple(before or now for before, now in zip(state.seen, state.active, strict=True))
+    state = state._replace(ticks=state.ticks + 1, silence=silence, seen=seen)
+    state, signature, inconsistent = track(tables, state, event)
+    location, provisional = tables["tracker"][state.tracker][:2]
+    status = IDENTIFIED if location >= 0 else PROVISIONAL if provisional else SEARCHING
+    if inconsistent:
+        status = INCONSISTENT
+    elif not valid:
+        status = INVALID
+    return state, (location, state.tracker, signature, status, state.x)
+
+
+def is_within(values: Numbers) -> bool:
+    """Return whether every number is finite and not beyond LARGEST; false for NaN."""
+    return all(-LARGEST <= value <= LARGEST for value in values)
+
+
+def affine(rows: tuple[Numbers, ...], offset: Numbers, vector: Numbers) -> Numbers:
+    """Return rows · vector + offset."""
+    result = []
+    for row, constant in zip(rows, offset, strict=True):
+        total = row[0] * vector[0]
+        for column in range(1, len(vector)):
+            total = total + row[column] * vector[column]
+        result.append(total + constant)
+    return tuple(result)
+
+
+def advance(tables: Tables, state: State) -> State:
+    """Move generators and estimate over the past step with the held sample; nothing moves before the first one."""
+    if state.sample is None:
+        return state
+    sample_input, sample_output = state.sample
+    z = []
+    for generator, value in zip(tables["generators"], state.z, strict=True):
+        advanced = affine(generator["rows"], generator["offset"], value + sample_input + sample_output)
+        z.append(advanced if is_within(advanced) else start_generator(generator, sample_output))
+    x = state.x
+    if state.flow >= 0:
+        x = affine(tables["flow_rows"][state.flow], tables["flow_offset"][state.flow], x + sample_input + sample_output)
+    return state._replace(z=tuple(z), x=x if is_within(x) else tables["start"])
+
+
+def start_generator(generator: Tables, sample_output: Numbers) -> Numbers:
+    """Return the generator's state that explains one output best."""
+    return affine(generator["start"], generator["start_offset"], sample_output)
+
+
+def decide(generators: tuple[Tables, ...], state: State, sample_input: Numbers, sample_output: Numbers) -> State:
+    """Take a valid sample: residuals, relays with hysteresis, debounce."""
+    z = state.z
+    if state.sample is None:
+        z = tuple(start_generator(generator, sample_output) for generator in generators)
+    relay, debounce, active = list(state.relay), list(state.debounce), list(state.active)
+    for g, generator in enumerate(generators):
+        relay[g] = is_quiet(generator, z[g], relay[g], sample_input, sample_output)
+        debounce[g] = debounce[g] + 1 if relay[g] != active[g] else 0
+        if debounce[g] >= (generator["on_ticks"] if relay[g] else generator["off_ticks"]):
+            active[g], debounce[g] = relay[g], 0
+    return state._replace(
+        sample=(sample_input, sample_output),
+        z=z,
+        relay=tuple(relay),
+        debounce=tuple(debounce),
+        active=tuple(active),
+    )
+
+
+def is_quiet(generator: Tables, z: Numbers, on: bool, sample_input: Numbers, sample_output: Numbers) -> bool:
+    """Return whether the relay is on after this sample: a small residual switches it on, a large one off."""
+    limit = generator["release"] if on else 1.0
+    predictions = affine(generator["residual_rows"], generator["residual_offset"], z + sample_input)
+    for predicted, measured, weight in zip(predictions, sample_output, generator["weight"], strict=True):
+        residual = predicted - measured
+        size = residual if residual >= 0.0 else -residual
+        if not size * weight <= limit:
+            return False
+    return True
+
+
+def track(tables: Tables, state: State, event: int) -> tuple[State, int, bool]:
+    """Move by event, signature or silence; return also the signature (or -1) and whether nothing explains the event."""
+    inconsistent = moved = False
+    if event != 0:
+        known = 1 <= event <= len(tables["restart_on_event"])
+        target = tables["tracker"][state.tracker][2][event - 1] if known else -1
+        if target < 0:
+            inconsistent = True
+            target = tables["restart_on_event"][event - 1] if known else tables["restart"]
+        state, moved = move(tables, state, target), True
+    target, signature, fired = listen(tables, state)
+    state = state._replace(fired=fired)
+    timeout = tables["tracker"][state.tracker][4]
+    if target >= 0:
+        state = move(tables, state, target)
+    elif not moved and timeout != -1 and state.silence == tables["window_ticks"]:
+        inconsistent = timeout < 0
+        state = move(tables, state, tables["restart"] if inconsistent else timeout)
+    return state, signature, inconsistent
+
+
+def listen(tables: Tables, state: State) -> tuple[int, int, int]:
+    """Return target and number of the first signature that holds (or -1, -1), and the one that is blocked from now."""
+    blocked = -1
+    for signature, own, quiet, target in tables["tracker"][state.tracker][3]:
+        holds = not any(state.active[g] for g in quiet)
+        if own >= 0:
+            holds = holds and state.active[own]
+        else:  # a negation: generators that had no time to become active are no evidence
+            settled = state.silence == tables["window_ticks"]
+            holds = holds and (settled or any(state.seen[g] for g in quiet))
+        if holds and signature != state.fired:
+            return target, signature, signature
+        if holds:
+            blocked = signature
+    return -1, -1, blocked
+
+
+def move(tables: Tables, state: State, tracker: int) -> State:
+    """Enter a tracker state; into an identified location the estimate takes the reset of the transition."""
+    location, provisional = tables["tracker"][tracker][:2]
+    state = state._replace(tracker=tracker, silence=0, seen=state.active)
+    if location < 0:
+        return state if provisional else state._replace(flow=-1)
+    x = state.x
+    reset = tables["reset_index"][state.flow][location] if state.flow >= 0 else -1
+    if reset >= 0:
+        x = affine(tables["reset_rows"][reset], tables["reset_offset"][reset], x)
+    return state._replace(flow=location if tables["flow_defined"][location] else -1, x=x)
