@@ -66,7 +66,7 @@ class Transition:
 class DES:
     """D_H: a nondeterministic discrete-event system; order of locations and transitions is order of declaration.
 
-    Raises `ModelError` (DH0301) when a transition or the initial set names an unknown location, or one is given twice.
+    Raises `ModelError` (DH0404) when a transition or the initial set names an unknown location, or one is given twice.
 
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", None)])
     >>> des.locations, des.initial
@@ -83,12 +83,12 @@ class DES:
         object.__setattr__(self, "initial", self.initial or self.locations)
         known = set(self.locations)
         if len(known) < len(self.locations):
-            raise ModelError(diagnostic("DH0301", "a location is declared twice"))
+            raise ModelError(diagnostic("DH0404", "a location is declared twice"))
         unknown = [(t.span, name) for t in self.transitions for name in (t.source, t.target) if name not in known] + [
             (None, name) for name in self.initial if name not in known
         ]
         if unknown:
-            raise ModelError(*(diagnostic("DH0301", f"unknown location `{name}`", span) for span, name in unknown))
+            raise ModelError(*(diagnostic("DH0404", f"unknown location `{name}`", span) for span, name in unknown))
 
     @classmethod
     def from_transitions(

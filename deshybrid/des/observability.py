@@ -1,0 +1,143 @@
+"""Current-location observability of a DES: conditions C1 and C2, the bound K, and a run that proves a "no".
+
+C1: every exit transition of every persistent location shows something, whichever of its outputs occurs.
+C2: every persistent location q is in a persistent state of D_O, and all of these are {q}.
+The system is current-location observable exactly where both hold: from some transition on the location is known
+whatever happens.  Both are statements about runs that go on; where a run can end (`alive` is false) they are judged all
+the same, on the runs that do go on, and the report says so separately.
+
+Two methods decide C2 and agree on every location, whether C1 holds or not:
+- "observer" reads it from D_O, exponential in the worst case, and keeps D_O;
+- "pairs": a persistent state of D_O contains p and q together exactly where the pair (p, q) is reachable from a cycle
+  of the pair automaton, and contains q at all exactly where (q, q) is.
+- "auto" takes the observer up to a modest number of states, else the pairs.
+
+Source: Balluchi et al. (2012), section 3.1, Definition 3 and Theorem 4.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from deshybrid.des.automaton import DES, Transition
+from deshybrid.des.cycles import longest_path_to
+from deshybrid.des.epsilon import OutputAutomaton, eliminate_epsilon
+from deshybrid.des.observer import LocationObserver, build_location_observer
+from deshybrid.des.pairs import PairAutomaton, build_pair_automaton
+from deshybrid.des.persistence import blocked_locations, persistent_locations
+from deshybrid.des.report import C2Failure, ObservabilityReport, Step, Witness
+from deshybrid.des.witnesses import c1_witness, c2_witness
+from deshybrid.des.worklist import Graph
+from deshybrid.diagnostics import LimitReached
+
+Method: TypeAlias = Literal["auto", "observer", "pairs"]
+_MODEST = 2_000  # states of D_O that "auto" is ready to build
+
+
+@dataclass(frozen=True, slots=True)
+class _Findings:
+    """What one method found: C2 failures, and the most outputs after which two locations are possible."""
+
+    c2_failures: tuple[C2Failure, ...]
+    longest_confusion: int | None
+    observer: LocationObserver | None = None
+    pairs: PairAutomaton | None = None
+
+
+def check_observability(des: DES, *, method: Method = "auto", max_states: int = 100_000) -> ObservabilityReport:
+    """Return whether `des` is current-location observable, and why not (Balluchi et al., 2012, Theorem 4).
+
+    `max_states` limits D_O; the pairs need no limit.  Raises `LimitReached` (DH0901) with method "observer" only.
+
+    K counts outputs, that is transitions of D'_H and of D_O; where no transition is silent these are the transitions of
+    Definition 3.  It is one more than the longest path of the pair automaton to a pair of different locations.
+
+    >>> fig2 = DES.from_transitions([("1", "c", "3", None), ("3", "a", "0", "α"), ("0", "a", "2", "α"),
+    ...     ("2", "d", "5", None), ("5", "a", "2", "α"), ("2", "b", "0", "β"), ("0", "d", "5", "δ")], name="fig2")
+    >>> print(check_observability(fig2))
+    fig2: not current-location observable
+      persistent locations: 0, 2, 5
+      C1 fails: 2 -d/ε-> 5
+      checked by the location observer, 5 states
+    """
+    automaton = eliminate_epsilon(des)
+    persistent = persistent_locations(des)
+    alive_in = set(persistent)
+    c1_failures = [i for i, t in enumerate(des.transitions) if t.source in alive_in and not t.is_observable]
+    findings = _find(automaton, persistent, method, max_states)
+    observable = not c1_failures and not findings.c2_failures
+    blocked = blocked_locations(des)
+    return ObservabilityReport(
+        des=des,
+        automaton=automaton,
+        observer=findings.observer,
+        alive=not blocked,
+        blocked=blocked,
+        persistent=persistent,
+        c1_failures=tuple(des.transitions[number] for number in c1_failures),
+        c2_failures=findings.c2_failures,
+        transient_bound=_bound(findings.longest_confusion) if observable else None,
+        witness=_witness(automaton, c1_failures, findings),
+        method="pairs" if findings.observer is None else "observer",
+    )
+
+
+def _find(automaton: OutputAutomaton, persistent: tuple[str, ...], method: Method, max_states: int) -> _Findings:
+    if method == "pairs":
+        return _find_by_pairs(automaton, persistent)
+    if method == "observer":
+        return _find_by_observer(automaton, persistent, max_states)
+    try:
+        return _find_by_observer(automaton, persistent, min(max_states, _MODEST))
+    except LimitReached:
+        return _find_by_pairs(automaton, persistent)
+
+
+def _find_by_observer(automaton: OutputAutomaton, persistent: tuple[str, ...], max_states: int) -> _Findings:
+    observer = build_location_observer(automaton, max_states=max_states)
+    lasting: dict[str, list[tuple[str, ...]]] = {location: [] for location in automaton.des.locations}
+    for state in (observer.states[number] for number in observer.persistent):
+        for location in state:
+            lasting[location].append(state)
+    failures = _failures(persistent, lasting)
+    if failures:
+        return _Findings(failures, None, observer)
+    graph = Graph(observer.states, observer.transitions, ())
+    several = [number for number, state in enumerate(observer.states) if len(state) > 1]
+    return _Findings(failures, longest_path_to(graph, several), observer)
+
+
+def _find_by_pairs(automaton: OutputAutomaton, persistent: tuple[str, ...]) -> _Findings:
+    pairs = build_pair_automaton(automaton)
+    names = automaton.des.locations
+    lasting: dict[str, list[tuple[str, ...]]] = {location: [] for location in names}
+    for p, q in sorted(pairs.graph.nodes[number] for number in pairs.persistent()):
+        state = (names[p],) if p == q else (names[p], names[q])
+        for location in state:
+            lasting[location].append(state)
+    failures = _failures(persistent, lasting)
+    return _Findings(failures, None if failures else pairs.longest_confusion(), None, pairs)
+
+
+def _failures(persistent: tuple[str, ...], lasting: dict[str, list[tuple[str, ...]]]) -> tuple[C2Failure, ...]:
+    """C2 from the persistent states (or pairs) that contain each location."""
+    return tuple(
+        C2Failure(location, tuple(state for state in lasting[location] if len(state) > 1))
+        for location in persistent
+        if lasting[location] != [(location,)]
+    )
+
+
+def _bound(longest_confusion: int | None) -> int:
+    return 0 if longest_confusion is None else longest_confusion + 1
+
+
+def _witness(automaton: OutputAutomaton, c1_failures: list[int], findings: _Findings) -> Witness | None:
+    """C1 first: a location that is never entered visibly fails C2 too, but it is C1 that has a run to show."""
+    if c1_failures:
+        return c1_witness(automaton, c1_failures[0])
+    if findings.c2_failures:
+        return c2_witness(findings.pairs or build_pair_automaton(automaton))
+    return None
+
+
+__all__ = ["C2Failure", "Method", "ObservabilityReport", "Step", "Transition", "Witness", "check_observability"]

@@ -1,0 +1,144 @@
+"""Runs that prove a negative verdict: they can be read, replayed on the model, and repeated for ever.
+
+In: D'_H with a silent exit of a persistent location, or a pair automaton with a persistent pair of different locations.
+Out: a `Witness`.  Idea: a shortest way from a cycle to the failure, and a shortest way from the start to that cycle.
+Cost: linear in the graph.  Source: Balluchi et al. (2012), section 3.1 (why C1 and C2 are necessary).
+"""
+
+from collections.abc import Iterable
+
+from deshybrid.des.automaton import Output
+from deshybrid.des.cycles import cycle_before, shortest_walk
+from deshybrid.des.epsilon import OutputAutomaton
+from deshybrid.des.observer import entry_estimates
+from deshybrid.des.pairs import PairAutomaton
+from deshybrid.des.persistence import location_graph
+from deshybrid.des.report import Step, Witness
+
+_STARTS_TRIED = 64
+
+
+def c1_witness(automaton: OutputAutomaton, silent_exit: int) -> Witness:
+    """Return a run through a cycle to the persistent source of transition number `silent_exit`, which is then taken.
+
+    The run starts, if there is one, from the first initial location from which the observer would know better: without
+    the cycle and the silent exit, its entry estimate is exactly that source.
+
+    >>> from deshybrid.des.automaton import DES
+    >>> from deshybrid.des.epsilon import eliminate_epsilon
+    >>> des = DES.from_transitions([("2", "d", "5", None), ("5", "a", "2", "α")])
+    >>> print(c1_witness(eliminate_epsilon(des), 0))
+    outputs: α α
+    5 -a-> 2 -d-> 5 -a-> 2 -d-> 5
+    5 -a-> 2 -d-> 5 -a-> 2
+    """
+    des = automaton.des
+    graph = location_graph(des)
+    source = graph.nodes.index(des.transitions[silent_exit].source)
+    cycle, tail = ([graph.arcs[arc][1] for arc in arcs] for arcs in cycle_before(graph, source))
+    prefix = _convincing_prefix(automaton, cycle[0], tail)
+    taken = [*prefix, *cycle, *tail]
+    transitions = [des.transitions[number] for number in taken]
+    shown = [str(transition.seen[0]) if transition.is_observable else None for transition in transitions]
+    run = _run(automaton, des.transitions[taken[0]].source, [*taken, silent_exit])
+    marks = (len(prefix), len(prefix) + len(cycle))
+    before, within = (sum(output is not None for output in shown[:mark]) for mark in marks)
+    return Witness(
+        condition="C1",
+        outputs=tuple(output for output in shown if output is not None),
+        runs=(run,) if run[-1].location == run[-2].location else (run, run[:-1]),
+        cycles=(marks,) if run[-1].location == run[-2].location else (marks, marks),
+        repeated=(before, within),
+    )
+
+
+def _convincing_prefix(automaton: OutputAutomaton, first_of_cycle: int, tail: list[int]) -> list[int]:
+    """Return transitions from an initial location to the cycle, after which (and `tail`) the observer knows most."""
+    des = automaton.des
+    graph = location_graph(des)
+    entry = graph.nodes.index(des.transitions[first_of_cycle].source)
+    goal = des.transitions[tail[-1]].target if tail else des.transitions[first_of_cycle].source
+    first: list[int] | None = None
+    for start in des.initial[:_STARTS_TRIED]:
+        walk = shortest_walk(graph, graph.nodes.index(start), lambda node: node == entry)
+        if walk is None:
+            continue
+        prefix = [graph.arcs[arc][1] for arc in walk]
+        first = prefix if first is None else first
+        if entry_estimates(automaton, _shown(automaton, [*prefix, *tail]))[-1] == (goal,):
+            return prefix
+    return first if first is not None else [graph.arcs[arc][1] for arc in graph.path_to(entry)]
+
+
+def _shown(automaton: OutputAutomaton, transitions: Iterable[int]) -> list[Output]:
+    """What a run shows if every transition that may be silent is: such runs are as confusing as the model permits."""
+    seen = (automaton.des.transitions[number].seen for number in transitions)
+    return [outputs[0] for outputs in seen if None not in outputs and outputs[0] is not None]
+
+
+def c2_witness(pairs: PairAutomaton) -> Witness:
+    """Return two runs with equal outputs through a common cycle to the first persistent pair of different locations.
+
+    >>> from deshybrid.des.automaton import DES
+    >>> from deshybrid.des.epsilon import eliminate_epsilon
+    >>> from deshybrid.des.pairs import build_pair_automaton
+    >>> des = DES.from_transitions([("1", "a", "1", "α"), ("1", "b", "2", "β"), ("1", "b", "3", "β")])
+    >>> print(c2_witness(build_pair_automaton(eliminate_epsilon(des))))
+    outputs: α β
+    1 -a-> 1 -b-> 2
+    1 -a-> 1 -b-> 3
+    """
+    graph = pairs.graph
+    confused = [
+        (graph.nodes[node], node) for node in pairs.persistent() if graph.nodes[node][0] != graph.nodes[node][1]
+    ]
+    cycle, tail = cycle_before(graph, min(confused)[1])
+    entry = graph.arcs[cycle[0]][0]
+    prefix = graph.path_to(entry)
+    root = graph.nodes[graph.arcs[prefix[0]][0] if prefix else entry]
+    before, there = _lift(pairs, root, prefix)
+    around, back = _lift(pairs, there, cycle)
+    if back != there:  # the two runs have changed places: once more round brings both home
+        around += _lift(pairs, back, cycle)[0]
+    after, _ = _lift(pairs, there, tail)
+    return _c2_witness(pairs.automaton, root, before, around, after)
+
+
+def _lift(
+    pairs: PairAutomaton, start: tuple[int, int], arcs: list[int]
+) -> tuple[list[tuple[int, int]], tuple[int, int]]:
+    """Turn arcs between unordered pairs into moves (edge of run 1, edge of run 2) and the pair they end in."""
+    edges = pairs.automaton.edges
+    number = {name: index for index, name in enumerate(pairs.automaton.des.locations)}
+    moves, pair = [], start
+    for arc in arcs:
+        source, (low, high), _ = pairs.graph.arcs[arc]
+        first, second = (low, high) if pair == pairs.graph.nodes[source] else (high, low)
+        moves.append((first, second))
+        pair = (number[edges[first].target], number[edges[second].target])
+    return moves, pair
+
+
+def _c2_witness(
+    automaton: OutputAutomaton,
+    root: tuple[int, int],
+    before: list[tuple[int, int]],
+    around: list[tuple[int, int]],
+    after: list[tuple[int, int]],
+) -> Witness:
+    runs, cycles = [], []
+    for side in (0, 1):
+        parts = [[t for move in part for t in automaton.edges[move[side]].path] for part in (before, around, after)]
+        runs.append(_run(automaton, automaton.des.locations[root[side]], [t for part in parts for t in part]))
+        cycles.append((len(parts[0]), len(parts[0]) + len(parts[1])))
+    outputs = tuple(str(automaton.edges[first].output) for first, _ in before + around + after)
+    repeated = (len(before), len(before) + len(around))
+    return Witness("C2", outputs, tuple(runs), tuple(cycles), repeated)
+
+
+def _run(automaton: OutputAutomaton, start: str, transitions: list[int]) -> tuple[Step, ...]:
+    taken = (automaton.des.transitions[number] for number in transitions)
+    return (Step("", start), *(Step(transition.event, transition.target) for transition in taken))
+
+
+__all__ = ["c1_witness", "c2_witness"]
