@@ -18,14 +18,15 @@ Source: Balluchi et al. (2012), section 3.1, Definition 3 and Theorem 4.
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from deshybrid.des.automaton import DES, Transition
+from deshybrid.des.automaton import DES
 from deshybrid.des.cycles import longest_path_to
 from deshybrid.des.epsilon import OutputAutomaton, eliminate_epsilon
 from deshybrid.des.observer import LocationObserver, build_location_observer
 from deshybrid.des.pairs import PairAutomaton, build_pair_automaton
 from deshybrid.des.persistence import blocked_locations, persistent_locations
-from deshybrid.des.report import C2Failure, ObservabilityReport, Step, Witness
-from deshybrid.des.witnesses import c1_witness, c2_witness
+from deshybrid.des.report import C2Failure, ObservabilityReport
+from deshybrid.des.verdicts import verdict_diagnostics
+from deshybrid.des.witness import Step, Witness, c1_witness, c2_witness, find_confusion
 from deshybrid.des.worklist import Graph
 from deshybrid.diagnostics import LimitReached
 
@@ -135,9 +136,18 @@ def _witness(automaton: OutputAutomaton, c1_failures: list[int], findings: _Find
     """C1 first: a location that is never entered visibly fails C2 too, but it is C1 that has a run to show."""
     if c1_failures:
         return c1_witness(automaton, c1_failures[0])
-    if findings.c2_failures:
-        return c2_witness(findings.pairs or build_pair_automaton(automaton))
-    return None
+    if not findings.c2_failures:
+        return None
+    confusion = find_confusion(findings.pairs or build_pair_automaton(automaton))
+    return None if confusion is None else c2_witness(automaton, confusion)
 
 
-__all__ = ["C2Failure", "Method", "ObservabilityReport", "Step", "Transition", "Witness", "check_observability"]
+__all__ = [
+    "C2Failure",
+    "Method",
+    "ObservabilityReport",
+    "Step",
+    "Witness",
+    "check_observability",
+    "verdict_diagnostics",
+]

@@ -1,45 +1,15 @@
-"""What a check of current-location observability says, as values: verdict, failures, bound, witness.
+"""What a check of current-location observability says, as a value: verdict, failures, bound, witness.
 
 Source: Balluchi et al. (2012), section 3.1, Theorem 4.
 """
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from deshybrid.des.automaton import DES, Transition
 from deshybrid.des.epsilon import OutputAutomaton
 from deshybrid.des.observer import LocationObserver
-
-
-class Step(NamedTuple):
-    """One step of a run; the first step of a run has the event "" and the start location."""
-
-    event: str
-    location: str
-
-
-@dataclass(frozen=True, slots=True)
-class Witness:
-    """Runs that prove a negative verdict; `deshybrid.des.replay` checks them without the code that found them.
-
-    C2: two runs with the same `outputs` that end in different locations, each by a visible transition.  The part of run
-    number r between the steps `cycles[r]` (indices into the run) leads back to the location it starts from and shows
-    `outputs[repeated[0]:repeated[1]]`, so it can be repeated in both runs alike, and the confusion never ends.
-    C1: the first run passes a cycle, comes to a persistent location and leaves it silently; the second run stops before
-    that last step, has the same outputs and is elsewhere.  (A silent self-loop is shown by the first run alone.)
-    """
-
-    condition: Literal["C1", "C2"]
-    outputs: tuple[str, ...]
-    runs: tuple[tuple[Step, ...], ...]
-    cycles: tuple[tuple[int, int], ...]
-    repeated: tuple[int, int]
-
-    def __str__(self) -> str:
-        lines = [f"outputs: {' '.join(self.outputs) or 'none'}"]
-        for run in self.runs:
-            lines.append(run[0].location + "".join(f" -{step.event}-> {step.location}" for step in run[1:]))
-        return "\n".join(lines)
+from deshybrid.des.witness import Witness
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,4 +83,4 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-__all__ = ["C2Failure", "ObservabilityReport", "Step", "Witness"]
+__all__ = ["C2Failure", "ObservabilityReport"]

@@ -6,6 +6,8 @@ Cost: linear in the graph.  Source: Balluchi et al. (2012), section 3.1 (why C1 
 """
 
 from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, TypeAlias
 
 from deshybrid.des.automaton import Output
 from deshybrid.des.cycles import cycle_before, shortest_walk
@@ -13,9 +15,54 @@ from deshybrid.des.epsilon import OutputAutomaton
 from deshybrid.des.observer import entry_estimates
 from deshybrid.des.pairs import PairAutomaton
 from deshybrid.des.persistence import location_graph
-from deshybrid.des.report import Step, Witness
 
 _STARTS_TRIED = 64
+Moves: TypeAlias = list[tuple[int, int]]
+
+
+class Step(NamedTuple):
+    """One step of a run; the first step of a run has the event "" and the start location."""
+
+    event: str
+    location: str
+
+
+@dataclass(frozen=True, slots=True)
+class Witness:
+    """Runs that prove a negative verdict; `deshybrid.des.replay` checks them without the code that found them.
+
+    C2: two runs with the same `outputs` that end in different locations, each by a visible transition.  The part of run
+    number r between the steps `cycles[r]` (indices into the run) leads back to the location it starts from and shows
+    `outputs[repeated[0]:repeated[1]]`, so it can be repeated in both runs alike, and the confusion never ends.
+    C1: the first run passes a cycle, comes to a persistent location and leaves it silently; the second run stops before
+    that last step, has the same outputs and is elsewhere.  (A silent self-loop is shown by the first run alone.)
+    """
+
+    condition: Literal["C1", "C2"]
+    outputs: tuple[str, ...]
+    runs: tuple[tuple[Step, ...], ...]
+    cycles: tuple[tuple[int, int], ...]
+    repeated: tuple[int, int]
+
+    def __str__(self) -> str:
+        lines = [f"outputs: {' '.join(self.outputs) or 'none'}"]
+        for run in self.runs:
+            lines.append(run[0].location + "".join(f" -{step.event}-> {step.location}" for step in run[1:]))
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True, slots=True)
+class Confusion:
+    """Two runs of D'_H with equal outputs, as (edge number of run 1, edge number of run 2) moves.
+
+    They start in the locations `start`; `around` leads both back to where they were and can be repeated; after `after`
+    they are in different locations.
+    """
+
+    start: tuple[str, str]
+    before: Moves
+    around: Moves
+    after: Moves
 
 
 def c1_witness(automaton: OutputAutomaton, silent_exit: int) -> Witness:
@@ -76,22 +123,17 @@ def _shown(automaton: OutputAutomaton, transitions: Iterable[int]) -> list[Outpu
     return [outputs[0] for outputs in seen if None not in outputs and outputs[0] is not None]
 
 
-def c2_witness(pairs: PairAutomaton) -> Witness:
-    """Return two runs with equal outputs through a common cycle to the first persistent pair of different locations.
+def find_confusion(pairs: PairAutomaton) -> Confusion | None:
+    """Return two runs that look alike for ever and then part; None where no pair of different locations is persistent.
 
-    >>> from deshybrid.des.automaton import DES
-    >>> from deshybrid.des.epsilon import eliminate_epsilon
-    >>> from deshybrid.des.pairs import build_pair_automaton
-    >>> des = DES.from_transitions([("1", "a", "1", "α"), ("1", "b", "2", "β"), ("1", "b", "3", "β")])
-    >>> print(c2_witness(build_pair_automaton(eliminate_epsilon(des))))
-    outputs: α β
-    1 -a-> 1 -b-> 2
-    1 -a-> 1 -b-> 3
+    They end in the first such pair by declaration, after a cycle as near as possible.
     """
     graph = pairs.graph
     confused = [
         (graph.nodes[node], node) for node in pairs.persistent() if graph.nodes[node][0] != graph.nodes[node][1]
     ]
+    if not confused:
+        return None
     cycle, tail = cycle_before(graph, min(confused)[1])
     entry = graph.arcs[cycle[0]][0]
     prefix = graph.path_to(entry)
@@ -101,13 +143,12 @@ def c2_witness(pairs: PairAutomaton) -> Witness:
     if back != there:  # the two runs have changed places: once more round brings both home
         around += _lift(pairs, back, cycle)[0]
     after, _ = _lift(pairs, there, tail)
-    return _c2_witness(pairs.automaton, root, before, around, after)
+    first, second = (pairs.automaton.des.locations[number] for number in root)
+    return Confusion((first, second), before, around, after)
 
 
-def _lift(
-    pairs: PairAutomaton, start: tuple[int, int], arcs: list[int]
-) -> tuple[list[tuple[int, int]], tuple[int, int]]:
-    """Turn arcs between unordered pairs into moves (edge of run 1, edge of run 2) and the pair they end in."""
+def _lift(pairs: PairAutomaton, start: tuple[int, int], arcs: list[int]) -> tuple[Moves, tuple[int, int]]:
+    """Turn arcs between unordered pairs into moves of two runs, and the pair they end in."""
     edges = pairs.automaton.edges
     number = {name: index for index, name in enumerate(pairs.automaton.des.locations)}
     moves, pair = [], start
@@ -119,20 +160,27 @@ def _lift(
     return moves, pair
 
 
-def _c2_witness(
-    automaton: OutputAutomaton,
-    root: tuple[int, int],
-    before: list[tuple[int, int]],
-    around: list[tuple[int, int]],
-    after: list[tuple[int, int]],
-) -> Witness:
+def c2_witness(automaton: OutputAutomaton, confusion: Confusion) -> Witness:
+    """Return the two runs of a confusion as steps of D_H, silent ones included.
+
+    >>> from deshybrid.des.automaton import DES
+    >>> from deshybrid.des.epsilon import eliminate_epsilon
+    >>> from deshybrid.des.pairs import build_pair_automaton
+    >>> des = DES.from_transitions([("1", "a", "1", "α"), ("1", "b", "2", "β"), ("1", "b", "3", "β")])
+    >>> automaton = eliminate_epsilon(des)
+    >>> print(c2_witness(automaton, find_confusion(build_pair_automaton(automaton))))
+    outputs: α β
+    1 -a-> 1 -b-> 2
+    1 -a-> 1 -b-> 3
+    """
+    parts = (confusion.before, confusion.around, confusion.after)
     runs, cycles = [], []
     for side in (0, 1):
-        parts = [[t for move in part for t in automaton.edges[move[side]].path] for part in (before, around, after)]
-        runs.append(_run(automaton, automaton.des.locations[root[side]], [t for part in parts for t in part]))
-        cycles.append((len(parts[0]), len(parts[0]) + len(parts[1])))
-    outputs = tuple(str(automaton.edges[first].output) for first, _ in before + around + after)
-    repeated = (len(before), len(before) + len(around))
+        before, around, after = ([t for move in part for t in automaton.edges[move[side]].path] for part in parts)
+        runs.append(_run(automaton, confusion.start[side], [*before, *around, *after]))
+        cycles.append((len(before), len(before) + len(around)))
+    outputs = tuple(str(automaton.edges[first].output) for part in parts for first, _ in part)
+    repeated = (len(confusion.before), len(confusion.before) + len(confusion.around))
     return Witness("C2", outputs, tuple(runs), tuple(cycles), repeated)
 
 
@@ -141,4 +189,4 @@ def _run(automaton: OutputAutomaton, start: str, transitions: list[int]) -> tupl
     return (Step("", start), *(Step(transition.event, transition.target) for transition in taken))
 
 
-__all__ = ["c1_witness", "c2_witness"]
+__all__ = ["Confusion", "Step", "Witness", "c1_witness", "c2_witness", "find_confusion"]
