@@ -1,0 +1,248 @@
+"""Which signatures the dynamics allow: from a hybrid system and its DES to candidates with a verdict per transition.
+
+A signature s_q says that the plant has moved into q.  It is emitted by the residual generator of q (small residual), or
+by negation (none of the other residuals is small).  For a transition p -> q the *alternatives* are p itself (nothing
+happened yet, and its residual may still be small) and every r with a transition p -> r that may show the same output.
+- by residual, q must be told from each alternative, and each alternative from q: the residual of q is then large
+  outside q, and the others' are large in q;
+- by negation it is enough that the others' residuals are large in q: q must be told from each alternative.
+The verdict of a transition is the worst over its alternatives (`always`, `generic`, `never` of `linear.distinguish`).
+A transition that may `never` be seen is left out of the candidate, with the reason.  In a self-loop p = q nothing
+changes but the state: only a reset that the outputs of q show is seen, and negation never shows it.
+
+A purely discrete model says nothing of the physics: every verdict is `unknown` and no transition is left out.
+Cost: two rank tests of size n_p + n_q per pair of locations, O(|Q|² n^4) at most.
+Source: Balluchi et al. (2012), section 4.1; joint observability: Vidal et al. (2003).
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from deshybrid.des.automaton import DES, Transition
+from deshybrid.des.signatures import Candidate
+from deshybrid.model.system import HybridSystem, HybridTransition, SignatureCandidate
+
+Feasibility: TypeAlias = Literal["always", "generic", "never", "unknown"]
+ORDER: tuple[Feasibility, ...] = ("always", "generic", "unknown", "never")
+
+
+@dataclass(frozen=True, slots=True)
+class TransitionVerdict:
+    """What residuals can say about one transition (its number in the DES); `reason` is one sentence."""
+
+    transition: int
+    residual: Feasibility
+    negation: Feasibility
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class FeasibleCandidate:
+    """The candidate signature of one location, with the verdict on every transition that enters it.
+
+    `candidate` holds the transitions that are left; with none left there is nothing to instrument.
+    """
+
+    candidate: Candidate
+    verdicts: tuple[TransitionVerdict, ...]
+
+    @property
+    def location(self) -> str:
+        """The location whose entry the signature shows."""
+        return self.candidate.location
+
+    @property
+    def excluded(self) -> tuple[TransitionVerdict, ...]:
+        """Verdicts on the transitions that no residual, and no negation, can show."""
+        return tuple(verdict for verdict in self.verdicts if verdict.transition not in self.candidate.transitions)
+
+    def feasibility(self, by: Literal["residual", "negation"], transitions: tuple[int, ...]) -> Feasibility:
+        """Return the worst verdict over `transitions`, which an actual signature instruments."""
+        chosen = (verdict for verdict in self.verdicts if verdict.transition in transitions)
+        return worst(verdict.residual if by == "residual" else verdict.negation for verdict in chosen)
+
+
+def worst(verdicts: Iterable[Feasibility]) -> Feasibility:
+    """Return the least favourable verdict; `unknown` ranks above `never` only."""
+    return max(verdicts, key=ORDER.index, default="always")
+
+
+def discrete_candidates(des: DES) -> tuple[FeasibleCandidate, ...]:
+    """Return one candidate per location, on all transitions that enter it, all `unknown`.
+
+    >>> des = DES.from_transitions([("2", "d", "5", None), ("5", "a", "2", "α")])
+    >>> [(entry.candidate.name, entry.candidate.transitions) for entry in discrete_candidates(des)]
+    [('s_2', (1,)), ('s_5', (0,))]
+    """
+    verdict = _unknown("a discrete model says nothing of what the residuals of its locations can tell")
+    return tuple(_candidate(des, SignatureCandidate(location), (), verdict) for location in des.locations)
+
+
+def signature_candidates(system: HybridSystem, des: DES) -> tuple[FeasibleCandidate, ...]:
+    """Return the candidate signatures of a model: those it names with their costs, or one per location at cost 1.
+
+    `des` is the abstraction of `system`: transition i of the one is transition i of the other.  Transitions that the
+    model forbids are not among the verdicts.  Nothing is raised: a location that no residual can show keeps a candidate
+    without transitions, whose verdicts say why.
+    """
+    wishes = system.signatures.candidates
+    if wishes is None:
+        wishes = tuple(SignatureCandidate(location) for location in des.locations)
+    if system.is_discrete:
+        verdict = _unknown("a discrete model says nothing of what the residuals of its locations can tell")
+    else:
+        verdict = _Physics(system, des).verdict
+    return tuple(_candidate(des, wish, system.signatures.forbid, verdict) for wish in wishes)
+
+
+def signature_name(des: DES, location: str) -> str:
+    """Return `s_<location>`, with primes where an output of the model already has that name.
+
+    >>> signature_name(DES.from_transitions([("1", "a", "2", "s_2")]), "2")
+    "s_2'"
+    """
+    outputs = {gamma for transition in des.transitions for gamma in transition.outputs}
+    name = f"s_{location}"
+    while name in outputs:
+        name += "'"
+    return name
+
+
+def alternatives(des: DES, transition: Transition) -> tuple[str, ...]:
+    """Return what the plant may do instead of `transition` without a difference in γ: stay, or go elsewhere.
+
+    >>> des = DES.from_transitions([("1", "a", "2", "α"), ("1", "b", "3", "α"), ("1", "c", "4", "β")])
+    >>> alternatives(des, des.transitions[0])
+    ('1', '3')
+    """
+    source, outputs = transition.source, set(transition.outputs)
+    rivals = (other.target for other in des.transitions if other.source == source and outputs & set(other.outputs))
+    return tuple(name for name in dict.fromkeys((source, *rivals)) if name != transition.target)
+
+
+def _candidate(
+    des: DES,
+    wish: SignatureCandidate,
+    forbid: tuple[tuple[str, str], ...],
+    verdict: Callable[[int], TransitionVerdict],
+) -> FeasibleCandidate:
+    """Keep what a residual shows; where that is nothing, what negation shows."""
+    verdicts = tuple(
+        verdict(number)
+        for number, transition in enumerate(des.transitions)
+        if transition.target == wish.location and (transition.source, transition.target) not in forbid
+    )
+    residual = tuple(v.transition for v in verdicts if v.residual != "never") if wish.by != "negation" else ()
+    negation = tuple(v.transition for v in verdicts if v.negation != "never") if wish.by != "residual" else ()
+    transitions = residual or negation
+    candidate = Candidate(
+        name=signature_name(des, wish.location),
+        location=wish.location,
+        transitions=transitions,
+        cost=wish.cost,
+        residual=bool(residual),
+        negation=bool(negation) and set(transitions) <= set(negation),
+    )
+    return FeasibleCandidate(candidate, verdicts)
+
+
+def _unknown(reason: str) -> Callable[[int], TransitionVerdict]:
+    return lambda number: TransitionVerdict(number, "unknown", "unknown", reason)
+
+
+class _Physics:
+    """Verdicts from the dynamics; every ordered pair of locations is compared once."""
+
+    def __init__(self, system: HybridSystem, des: DES) -> None:
+        self.system, self.des = system, des
+        self.known: dict[tuple[str, str], tuple[Feasibility, str]] = {}
+
+    def verdict(self, number: int) -> TransitionVerdict:
+        """Return the verdict on transition `number`."""
+        transition = self.des.transitions[number]
+        if transition.source == transition.target:
+            kick, why = self._kick(self.system.transitions[number])
+            return TransitionVerdict(number, kick, "never", why)
+        return self._against(number, transition.target, alternatives(self.des, transition))
+
+    def _against(self, number: int, target: str, others: tuple[str, ...]) -> TransitionVerdict:
+        residual: Feasibility = "always"
+        negation: Feasibility = "always"
+        reason = f"`{target}` always shows against " + ", ".join(f"`{name}`" for name in others)
+        for other in others:
+            for first, second in ((target, other), (other, target)):
+                found, why = self._told_apart(first, second)
+                if ORDER.index(found) > ORDER.index(residual):
+                    residual, reason = found, f"`{first}` against `{second}`: {why}"
+            negation = worst((negation, self._told_apart(target, other)[0]))
+        return TransitionVerdict(number, residual, negation, reason)
+
+    def _told_apart(self, first: str, second: str) -> tuple[Feasibility, str]:
+        if (first, second) not in self.known:
+            self.known[first, second] = _compare(self.system, first, second)
+        return self.known[first, second]
+
+    def _kick(self, loop: HybridTransition) -> tuple[Feasibility, str]:
+        """A self-loop shows only where its reset moves the state in a direction that the outputs see."""
+        from deshybrid.linear.observability import kalman_split
+
+        dynamics, reset = self.system.location(loop.source).dynamics, loop.reset
+        if dynamics is None or reset is None:
+            return "never", "a self-loop changes no dynamics"
+        split = kalman_split(dynamics.A, dynamics.C)
+        seen = split.inverse[: split.observable_dimension]
+        linear, offset = seen @ (reset.matrix - np.eye(len(reset.offset))), seen @ reset.offset
+        if np.any(np.abs(linear) > 1e-12):
+            return "generic", "a self-loop changes no dynamics; its reset shows unless it happens to keep the state"
+        if np.any(np.abs(offset) > 1e-12):
+            return "always", "a self-loop changes no dynamics; its reset shifts the outputs"
+        return "never", "a self-loop changes no dynamics, and its reset changes nothing that the outputs see"
+
+
+def _compare(system: HybridSystem, first: str, second: str) -> tuple[Feasibility, str]:
+    from deshybrid.linear.distinguish import distinguish
+
+    one, other = system.location(first), system.location(second)
+    if one.dynamics is None or other.dynamics is None:
+        return "unknown", "a location has no dynamics"
+    found = distinguish(
+        one.dynamics,
+        other.dynamics,
+        discrete=system.time_step is not None,
+        inputs=(one.input_index, other.input_index),
+        outputs=(one.output_index, other.output_index),
+    )
+    return found.verdict, found.reason
+
+
+def feasibility(
+    candidates: tuple[FeasibleCandidate, ...],
+    location: str,
+    by: Literal["residual", "negation"],
+    transitions: tuple[int, ...],
+) -> Feasibility:
+    """Return the verdict on the signature of `location`: the worst over the transitions that it instruments.
+
+    `never` where the location has no candidate.
+
+    >>> des = DES.from_transitions([("2", "d", "5", None), ("5", "a", "2", "α")])
+    >>> feasibility(discrete_candidates(des), "5", "residual", (0,))
+    'unknown'
+    """
+    found = next((entry for entry in candidates if entry.location == location), None)
+    return "never" if found is None else found.feasibility(by, transitions)
+
+
+__all__ = [
+    "Feasibility",
+    "FeasibleCandidate",
+    "TransitionVerdict",
+    "alternatives",
+    "discrete_candidates",
+    "feasibility",
+    "signature_candidates",
+    "signature_name",
+]

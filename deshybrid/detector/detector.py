@@ -1,0 +1,255 @@
+"""The transition detector T_H: residual generators, relays with hysteresis, debounce, and what its delay is.
+
+In: a hybrid system, the `SignaturePlan` that says which locations need a residual generator, a rate and a step.
+Out: a `TransitionDetector` whose every number is either the model's or derived here, with the reason kept.
+
+- Threshold of a channel: what the model states, else the largest |r| that the bounds allow in the own location plus a
+  floor (`thresholds`): while the plant stays, a relay that is on never goes off.
+- Release: 1.5 times the threshold.
+- Debounce: one time constant of the slowest residual mode, at least two samples.  A residual of another location that
+  changes its sign passes through the band between the thresholds; it must not take that long.  Off at once.
+- Window Δ: how long an entry estimate stays provisional; the model's, else the largest finite detection delay, else 7
+  time constants and the debounce (a transient is then below 1/1000), which guarantees nothing.
+- Detection delay of a signature by residual: the time after which its generator is active for certain, from the worst
+  mismatch that the bounds allow.  The signature itself also waits until the residuals of the alternatives are large; at
+  x = 0, u = 0 they are not, so that the bound is conditional on excitation, and the condition is kept as text.
+  A negation fires when the others' residuals have become large, so it has no bound without excitation.
+
+Source: Balluchi et al. (2012), sections 4.1 and 5.1, Figure 15.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from deshybrid.des.signatures import Signature, SignaturePlan
+from deshybrid.detector.candidates import alternatives
+from deshybrid.detector.residual import ResidualGenerator, build_generator
+from deshybrid.detector.thresholds import floor, largest_state, settling_ticks, steady_bound
+from deshybrid.diagnostics import Diagnostic, GainError, UsageError, diagnostic
+from deshybrid.linear.arrays import FloatArray, frozen_array
+from deshybrid.model.system import HybridSystem
+
+RELEASE = 1.5
+SETTLED_TIME_CONSTANTS = 7.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DetectionThreshold:
+    """The lower relay level of one generator per own output channel, (p,), in output units.
+
+    `steady`: the largest |r| that the bounds allow in the own location after the transient, (p,).  `guaranteed`: the
+    level is above it, so that the plant's own location is never denied once the transient is over.
+    """
+
+    level: FloatArray
+    steady: FloatArray
+    source: Literal["stated", "derived"]
+    guaranteed: bool
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class DetectionDelay:
+    """Seconds after which a signature's generator is active for certain, or None with the reason.
+
+    `condition` says what must hold besides, for the signature to appear by then; empty where nothing must.
+    """
+
+    seconds: float | None
+    reason: str
+    condition: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TransitionDetector:
+    """T_H; `generators`, `thresholds`, `on_ticks` and `off_ticks` go together, in the order of `plan.generators`.
+
+    `delays` by location of a signature; `window` in seconds, `window_reason` says where it comes from.
+    """
+
+    system: HybridSystem
+    plan: SignaturePlan
+    step: float
+    generators: tuple[ResidualGenerator, ...]
+    thresholds: tuple[DetectionThreshold, ...]
+    release: float
+    on_ticks: tuple[int, ...]
+    off_ticks: tuple[int, ...]
+    delays: Mapping[str, DetectionDelay]
+    window: float
+    window_reason: str
+
+    @property
+    def detection_delay(self) -> Mapping[str, float | None]:
+        """Seconds by location of a signature, None where no bound exists; `delays` says why, and on which condition."""
+        return MappingProxyType({location: delay.seconds for location, delay in self.delays.items()})
+
+    @property
+    def window_ticks(self) -> int:
+        """The window in samples, at least one."""
+        return max(1, math.ceil(self.window / self.step - 1e-9))
+
+    def __str__(self) -> str:
+        names = ", ".join(generator.location.name for generator in self.generators) or "no location"
+        return f"transition detector of {self.system.name}: residuals of {names}, window {self.window:g} s"
+
+
+def build_detector(
+    system: HybridSystem, plan: SignaturePlan, *, rate: float | None, step: float, dwell: float | None = None
+) -> TransitionDetector:
+    """Return the transition detector of a plan; rate in 1/s, step and dwell in seconds.
+
+    Without generators in the plan (nothing to detect, or a purely discrete model, whose signatures come as events) the
+    detector is empty.
+
+    Raises `UsageError` (DH0601 step, DH0602 poles, DH0604 thresholds) and `GainError` (DH0603) for a location that
+    measures nothing; all generators are looked at before anything is raised.
+    """
+    _require_step(system, step)
+    dwell = _shortest_stay(system) if dwell is None else dwell
+    names = () if system.is_discrete else plan.generators
+    problems: list[Diagnostic] = []
+    generators = []
+    for name in names:
+        try:
+            generators.append(build_generator(system, system.location(name), rate=rate, dwell=dwell, step=step))
+            _require_threshold(system, generators[-1])
+        except (UsageError, GainError) as error:
+            problems += error.diagnostics
+    if problems:
+        raise UsageError(*problems)
+    return _assembled(system, plan, step, tuple(generators))
+
+
+def _assembled(
+    system: HybridSystem, plan: SignaturePlan, step: float, generators: tuple[ResidualGenerator, ...]
+) -> TransitionDetector:
+    options = system.observer.detector
+    thresholds = tuple(_threshold(system, generator) for generator in generators)
+    on_ticks = tuple(_on_ticks(options.debounce, generator) for generator in generators)
+    parts = {g.location.name: (g, t, ticks) for g, t, ticks in zip(generators, thresholds, on_ticks, strict=True)}
+    delays = {s.location: _delay(system, plan, s, parts) for s in plan.signatures} if generators else {}
+    window, reason = _window(options.window, delays, generators, on_ticks)
+    return TransitionDetector(
+        system=system,
+        plan=plan,
+        step=step,
+        generators=generators,
+        thresholds=thresholds,
+        release=RELEASE if options.release is None else options.release,
+        on_ticks=on_ticks,
+        off_ticks=(1,) * len(generators),
+        delays=MappingProxyType(delays),
+        window=window or step,
+        window_reason=reason,
+    )
+
+
+def _require_step(system: HybridSystem, step: float) -> None:
+    if not (math.isfinite(step) and step > 0.0):
+        raise UsageError(diagnostic("DH0601", f"the step is {step:g} s, expected a positive number"))
+    if system.time_step is not None and not math.isclose(step, system.time_step):
+        message = f"the step is {step:g} s, but the model is in discrete time with a step of {system.time_step:g} s"
+        raise UsageError(diagnostic("DH0601", message))
+
+
+def _shortest_stay(system: HybridSystem) -> float | None:
+    """The dwell time that the model states, as a scale of time for the default poles."""
+    stays = [location.dwell.min for location in system.locations if location.dwell.min]
+    return system.observer.dwell or min(stays, default=None)
+
+
+def _stated_level(system: HybridSystem, generator: ResidualGenerator) -> FloatArray | None:
+    """A threshold may be written for the location's own channels, or for all channels of the model."""
+    level = system.observer.detector.threshold.get(generator.location.name)
+    index = list(generator.location.output_index)
+    if level is None or len(level) == len(index):
+        return level
+    return level[index] if len(level) == len(system.output_names) else level
+
+
+def _require_threshold(system: HybridSystem, generator: ResidualGenerator) -> None:
+    level, count = _stated_level(system, generator), len(generator.location.output_index)
+    if level is not None and (level.shape != (count,) or not (level > 0.0).all()):
+        message = f"the detector threshold of location `{generator.location.name}` is not {count} positive numbers"
+        raise UsageError(diagnostic("DH0604", message, generator.location.span))
+    release = system.observer.detector.release
+    if release is not None and not release >= 1.0:
+        raise UsageError(diagnostic("DH0604", f"the detector's `release` is {release:g}, expected at least 1"))
+
+
+def _threshold(system: HybridSystem, generator: ResidualGenerator) -> DetectionThreshold:
+    count = generator.C.shape[0]
+    steady = frozen_array(steady_bound(system, generator), (count,))
+    stated = _stated_level(system, generator)
+    missing = [name for name in ("disturbance", "measurement") if getattr(system.bounds, name) is None]
+    ideal = f"; the model states no bound for {' and '.join(missing)}, taken as none" if missing else ""
+    if stated is None:
+        level = frozen_array(steady + floor(system, generator), (count,))
+        return DetectionThreshold(level, steady, "derived", True, f"peak gain times the bounds, plus a floor{ideal}")
+    guaranteed = bool((stated > steady).all())
+    relation = "above" if guaranteed else "not above"
+    reason = f"stated by the model, {relation} what the bounds allow in the location itself{ideal}"
+    return DetectionThreshold(frozen_array(stated, (count,)), steady, "stated", guaranteed, reason)
+
+
+def _on_ticks(debounce: float | None, generator: ResidualGenerator) -> int:
+    if debounce is not None:
+        return max(1, math.ceil(debounce / generator.step - 1e-9))
+    return max(2, math.ceil(generator.time_constant / generator.step - 1e-9))
+
+
+def _delay(
+    system: HybridSystem,
+    plan: SignaturePlan,
+    signature: Signature,
+    parts: Mapping[str, tuple[ResidualGenerator, DetectionThreshold, int]],
+) -> DetectionDelay:
+    rivals = _rivals(plan, signature, tuple(parts))
+    shown = ", ".join(f"`{name}`" for name in rivals)
+    excitation = f"the residuals of {shown} must have left their release level, which needs x or u away from rest"
+    if signature.by == "negation":
+        reason = "a negation appears when the other residuals become large; nothing bounds that time at x = 0, u = 0"
+        return DetectionDelay(None, reason, excitation if rivals else "")
+    generator, threshold, on_ticks = parts[signature.location]
+    largest = largest_state(system, generator)
+    if largest is None or system.bounds.state is None:
+        return DetectionDelay(None, "the model states no bounds on state and input, so the mismatch has none")
+    mismatch = largest + np.abs(generator.projection) @ system.bounds.state
+    ticks = settling_ticks(generator, mismatch, threshold.level - threshold.steady)
+    if ticks is None:
+        return DetectionDelay(None, "the threshold is not above the residual that the bounds allow")
+    reason = f"transient from the worst mismatch ({ticks} samples), debounce ({on_ticks} samples)"
+    return DetectionDelay((ticks + on_ticks) * generator.step, reason, excitation if rivals else "")
+
+
+def _rivals(plan: SignaturePlan, signature: Signature, generators: tuple[str, ...]) -> tuple[str, ...]:
+    """The alternatives of the instrumented transitions that have a residual: the signature waits for these."""
+    arcs = (plan.des.transitions[number] for number in signature.transitions)
+    others = {name for arc in arcs for name in alternatives(plan.des, arc)}
+    return tuple(name for name in generators if name in others and name != signature.location)
+
+
+def _window(
+    stated: float | None,
+    delays: Mapping[str, DetectionDelay],
+    generators: tuple[ResidualGenerator, ...],
+    on_ticks: tuple[int, ...],
+) -> tuple[float, str]:
+    if stated is not None:
+        return stated, "stated by the model"
+    finite = [delay.seconds for delay in delays.values() if delay.seconds is not None]
+    if finite:
+        return max(finite), "the largest detection delay"
+    nominal = [
+        SETTLED_TIME_CONSTANTS * g.time_constant + ticks * g.step for g, ticks in zip(generators, on_ticks, strict=True)
+    ]
+    return max(nominal, default=0.0), "nominal: no detection delay has a bound"
+
+
+__all__ = ["DetectionDelay", "DetectionThreshold", "TransitionDetector", "build_detector"]

@@ -1,0 +1,143 @@
+"""Residual generators: one sampled Luenberger observer per location whose residual is small while the plant is there.
+
+In: a location with its dynamics x' = A x + B u + E w + f, y = C x + D u + g + v, a step h, and poles.  Out: the
+generator
+
+    z := F z + Bz u + G y + c,   r = C z + D u + g - y,   F = A_d - G C,
+
+in the observable coordinates of the location: what the outputs never show is left out, so it can neither disturb the
+residual nor make the generator unstable.  A_d is the exact flow over a step and G is placed on the sampled pair
+(A_d, C) itself, at e^{pole·h}; then e = z - x obeys e := F e + G v - (what w does in a step), whatever the step, and
+the residual of the own location decays at the chosen rate.
+
+Cost: one Kalman decomposition, one matrix exponential and one pole placement per location.
+Source: Balluchi et al. (2012), section 5.1 (Luenberger residual), sampled.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from deshybrid.diagnostics import GainError, UsageError, diagnostic
+from deshybrid.linear.arrays import FloatArray, frozen_array
+from deshybrid.linear.dynamics import LinearDynamics
+from deshybrid.model.system import HybridSystem, Location
+
+RATE_FACTOR = 5.0
+STAY_FACTOR = 10.0
+FASTEST_PER_STEP = 0.3
+DEFAULT_PER_STEP = 0.1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResidualGenerator:
+    """The generator of one location, k = its observable dimension, p and m its own channels.
+
+    Shapes: F (k, k), input (k, m), gain (k, p), offset (k,), C (p, k), start (k, p), start_offset (k,), embedding
+    (n, k) with x = embedding z + (what the outputs never show), projection (k, n).  `poles` in rad/s.
+    """
+
+    location: Location
+    dynamics: LinearDynamics
+    step: float
+    poles: tuple[complex, ...]
+    F: FloatArray
+    input: FloatArray
+    gain: FloatArray
+    offset: FloatArray
+    C: FloatArray
+    start: FloatArray
+    start_offset: FloatArray
+    embedding: FloatArray
+    projection: FloatArray
+
+    @property
+    def time_constant(self) -> float:
+        """Seconds in which the slowest mode of the residual decays by a factor e."""
+        slowest = max((pole.real for pole in self.poles), default=-1.0 / self.step)
+        return -1.0 / slowest
+
+
+def default_poles(count: int, *, rate: float | None, dwell: float | None, step: float) -> tuple[complex, ...]:
+    """Return `count` real, distinct poles (rad/s) between -b and -2b.
+
+    The detector must be done well before the observer has converged and before the location is left: b is the larger
+    of 5 times the observer's rate and 10 over the dwell time.  The samples must still resolve it: b is at most 0.3 over
+    the step.  With neither rate nor dwell time given, b is 0.1 over the step.
+
+    >>> default_poles(2, rate=2.0, dwell=None, step=0.01)
+    ((-10+0j), (-15+0j))
+    """
+    wanted = [RATE_FACTOR * rate] if rate else []
+    wanted += [STAY_FACTOR / dwell] if dwell else []
+    base = min(max(wanted, default=DEFAULT_PER_STEP / step), FASTEST_PER_STEP / step)
+    return tuple(complex(-base * (1.0 + i / count)) for i in range(count))
+
+
+def build_generator(
+    system: HybridSystem, location: Location, *, rate: float | None, dwell: float | None, step: float
+) -> ResidualGenerator:
+    """Return the residual generator of `location`, with the poles that the model states or the default ones.
+
+    Raises `UsageError` (DH0602) where the stated poles are not as many as the modes that the outputs show or one is not
+    stable, `GainError` (DH0603) where the location measures nothing.
+    """
+    from deshybrid.continuous.placement import place_gain
+    from deshybrid.linear.observability import kalman_split
+
+    dynamics = location.dynamics
+    if dynamics is None or dynamics.C.shape[0] == 0 or not np.any(dynamics.C):
+        message = f"location `{location.name}` measures nothing of its state, so it has no residual"
+        raise GainError(diagnostic("DH0603", message, location.span))
+    sampled = sampled_dynamics(system, dynamics, step)
+    split = kalman_split(dynamics.A, dynamics.C)
+    k = split.observable_dimension
+    embedding, projection = split.transform[:, :k], split.inverse[:k]
+    poles = _poles(system, location, k, default_poles(k, rate=rate, dwell=dwell, step=step))
+    A = projection @ sampled.A @ embedding
+    C = dynamics.C @ embedding
+    # Placed on (A_d - 1)/h, which tends to A for short steps, where A_d itself tends to 1 and loses its digits.
+    gain = step * place_gain((A - np.eye(k)) / step, C, tuple(np.expm1(np.array(poles) * step) / step))
+    start = projection @ np.linalg.pinv(dynamics.C)
+    n, m, p = dynamics.A.shape[0], dynamics.B.shape[1], dynamics.C.shape[0]
+    return ResidualGenerator(
+        location=location,
+        dynamics=dynamics,
+        step=step,
+        poles=poles,
+        F=frozen_array(A - gain @ C, (k, k)),
+        input=frozen_array(projection @ sampled.B - gain @ dynamics.D, (k, m)),
+        gain=frozen_array(gain, (k, p)),
+        offset=frozen_array(projection @ sampled.f - gain @ dynamics.g, (k,)),
+        C=frozen_array(C, (p, k)),
+        start=frozen_array(start, (k, p)),
+        start_offset=frozen_array(-start @ dynamics.g, (k,)),
+        embedding=frozen_array(embedding, (n, k)),
+        projection=frozen_array(projection, (k, n)),
+    )
+
+
+def sampled_dynamics(system: HybridSystem, dynamics: LinearDynamics, step: float) -> LinearDynamics:
+    """Return the exact flow over one step; the dynamics themselves where the model is in discrete time."""
+    from deshybrid.linear.sampling import sample_dynamics
+
+    return sample_dynamics(dynamics, step) if system.time_step is None else dynamics
+
+
+def _poles(system: HybridSystem, location: Location, count: int, default: tuple[complex, ...]) -> tuple[complex, ...]:
+    stated = system.observer.detector.poles.get(location.name)
+    if stated is None:
+        return default
+    poles = tuple(complex(pole) for pole in stated)
+    problems = []
+    if len(poles) != count:
+        problems.append(f"{len(poles)} detector poles for location `{location.name}`, expected {count}")
+    if any(pole.real >= 0 for pole in poles):
+        problems.append(f"a detector pole of location `{location.name}` is not in the left half plane")
+    if problems:
+        note = f"the outputs of `{location.name}` show {count} of its {len(system.state_names)} modes"
+        raise UsageError(*(diagnostic("DH0602", text, location.span, notes=(note,)) for text in problems))
+    return poles
+
+
+__all__ = ["ResidualGenerator", "build_generator", "default_poles", "sampled_dynamics"]
