@@ -1,0 +1,204 @@
+"""The C code of a hybrid observer: `StepTables` in, the texts of six files out.
+
+Idea: the tables become `const` arrays, the step is one fixed text that walks them in the order of the reference step;
+both are printed by the templates in `templates/c`.  The code is C99 that is also C11 and C++, and in double precision
+equal to the reference bit for bit.  Linear in the size of the tables.
+Source: the reference step (`deshybrid.observer.reference`); ISO C99.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isinf, isnan
+from typing import TYPE_CHECKING, Any
+
+from deshybrid.diagnostics import UsageError, diagnostic
+from deshybrid.emit.ctables import Cost, Real, c_tables, cost, index_type
+from deshybrid.emit.identifiers import (
+    c_comment,
+    c_real,
+    c_string,
+    check_names,
+    check_prefix,
+    markdown_code,
+    unique_identifiers,
+)
+from deshybrid.emit.provenance import Provenance, banner
+from deshybrid.emit.vectors import Vector, record_vectors
+from deshybrid.observer import reference
+from deshybrid.observer.tables import STATUS_NAMES, StepTables
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+_SAMPLES, _SEED = 400, 1
+_TEMPLATES = {
+    "{}.h": "header.h.j2",
+    "{}.c": "source.c.j2",
+    "{}_selftest.c": "selftest.c.j2",
+    "Makefile": "Makefile.j2",
+    "CMakeLists.txt": "CMakeLists.txt.j2",
+    "README.md": "README.md.j2",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Named:
+    """A name of the model with the identifier that stands for it."""
+
+    name: str
+    identifier: str
+
+
+def emit_c(tables: StepTables, *, prefix: str, real: Real = "double", provenance: Provenance) -> dict[str, str]:
+    """Return the C code of an observer: the text of each file by its name.
+
+    Parameters
+    ----------
+    tables : StepTables
+        All constants of the observer.
+    prefix : str
+        Begins every public name and every file's name.
+    real : "double" or "float"
+        The type of every number; `float` code has no double in it.
+    provenance : Provenance
+        What the header says about the origin.
+
+    Raises
+    ------
+    UsageError
+        DH0811 for an unusable prefix, DH0812 for a name that no C string holds, DH0813 for a constant that does not fit
+        `real`, DH0814 for another `real`.
+
+    Notes
+    -----
+    The files are `<prefix>.h`, `<prefix>.c`, `<prefix>_selftest.c`, `Makefile`, `CMakeLists.txt` and `README.md`; all
+    are ASCII.  The same arguments give the same bytes.
+
+    >>> import numpy as np
+    >>> from deshybrid.observer.tables import FlowTables, GeneratorTables, TrackerState
+    >>> empty = [np.zeros(shape) for shape in [(1, 0, 0), (1, 0, 0), (1, 0, 0), (1, 0), (0,)]]
+    >>> none = [np.zeros((0,) * d) for d in [3, 3, 3, 2, 3, 2, 3, 3, 2, 2, 1]]
+    >>> tables = StepTables(
+    ...     "lamp", 0.1, ("on",), (), (), (), ("click",), (), FlowTables(*empty, (False,)),
+    ...     GeneratorTables((), *none, (), ()), (TrackerState((0,), 0, False, (0,), ()),), 0, 0, (0,), 1, ((-1,),),
+    ...     np.zeros((0, 0, 0)), np.zeros((0, 0)))
+    >>> list(emit_c(tables, prefix="lamp", provenance=Provenance("lamp", "lamp.yaml", "3f9c", "0.1.0")))
+    ['lamp.h', 'lamp.c', 'lamp_selftest.c', 'Makefile', 'CMakeLists.txt', 'README.md']
+    """
+    check_prefix(prefix)
+    if real not in ("double", "float"):
+        raise UsageError(diagnostic("DH0814", f"real type `{real}`, expected `double` or `float`"))
+    for kind, names in _spoken_names(tables).items():
+        check_names(kind, names)
+    environment = _environment()
+    context = _context(tables, prefix, real, provenance)
+    return {
+        name.format(prefix): environment.get_template(template).render(context) for name, template in _TEMPLATES.items()
+    }
+
+
+def _spoken_names(tables: StepTables) -> dict[str, Sequence[str]]:
+    """The names that become C strings."""
+    return {"location": tables.location_names, "event": tables.event_names, "signature": tables.signature_names}
+
+
+def _environment() -> "Environment":
+    """Nothing is escaped unseen: every name of the model passes a filter at its place; an unknown name is an error."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    loader = PackageLoader("deshybrid.emit", "templates/c")
+    environment = Environment(
+        loader=loader,
+        undefined=StrictUndefined,
+        autoescape=False,
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(comment=c_comment, string=c_string, code=markdown_code)
+    return environment
+
+
+def _context(tables: StepTables, prefix: str, real: Real, origin: Provenance) -> Mapping[str, Any]:
+    """All that the templates print."""
+    printed = c_tables(tables, real)
+    vectors = record_vectors(tables, seed=_SEED, count=_SAMPLES, real=real, reset_every=_SAMPLES // 2)
+    facts = _facts(tables, origin, real, cost(tables, printed, real))
+    spoken = _spoken_names(tables)
+    return {
+        "p": prefix,
+        "P": prefix.upper(),
+        "real": real,
+        "origin": origin,
+        "facts": facts,
+        "banner": banner(origin, facts),
+        "step": c_real(tables.step, "double"),
+        "n": len(tables.state_names),
+        "m": len(tables.input_names),
+        "r": len(tables.output_names),
+        "state_names": tables.state_names,
+        "input_names": tables.input_names,
+        "output_names": tables.output_names,
+        "locations": _named(tables.location_names, "UNKNOWN"),
+        "events": _named(tables.event_names, "NONE"),
+        "signatures": _named(tables.signature_names, "NONE"),
+        "strings": {**{f"{kind}_names": names for kind, names in spoken.items()}, "status_names": STATUS_NAMES},
+        "longest_name": max(len(name.encode("utf-8", "surrogatepass")) for name in ("", *tables.event_names)),
+        "generator_count": len(tables.generators.locations),
+        "tables": printed,
+        "index_type": index_type(tables),
+        "initial": tables.initial,
+        "restart": tables.restart,
+        "window_ticks": tables.window_ticks,
+        "largest": c_real(reference.LARGEST, real),
+        "entry_rows": [_entry_row(state.entry_estimate, len(tables.location_names)) for state in tables.tracker],
+        "vectors": [_vector(vector, tables, real) for vector in vectors],
+    }
+
+
+def _named(names: Sequence[str], reserved: str) -> list[_Named]:
+    return [
+        _Named(name, identifier) for name, identifier in zip(names, unique_identifiers(names, [reserved]), strict=True)
+    ]
+
+
+def _facts(tables: StepTables, origin: Provenance, real: Real, price: Cost) -> list[str]:
+    """The lines of the header comment after the origin."""
+    n, m, p = len(tables.state_names), len(tables.input_names), len(tables.output_names)
+    named = (*tables.location_names, *tables.event_names, *tables.signature_names)
+    text = sum(len(name.encode("utf-8", "surrogatepass")) + 1 for name in named)
+    return [
+        f"Location observer: {len(tables.tracker)} states, {len(tables.location_names)} locations, "
+        f"{len(tables.event_names)} events, {len(tables.signature_names)} signatures, "
+        f"{len(tables.generators.locations)} residual generators.",
+        f"Continuous observer: n = {n}, m = {m}, p = {p}, step {tables.step!r} s, {real}.  No heap.",
+        *(origin.certificate or ("No certificate holds for the continuous observer.",)),
+        f"One step: at most {price.multiplications} multiplications and {price.additions} additions.",
+        f"Memory: {price.state_bytes} bytes of state, {price.table_bytes} bytes of tables, {text} bytes of names.",
+        *origin.notes,
+    ]
+
+
+def _entry_row(locations: Sequence[int], count: int) -> str:
+    return ", ".join("1" if location in locations else "0" for location in range(count))
+
+
+def _vector(vector: Vector, tables: StepTables, real: Real) -> str:
+    """One initialiser of the self-test's `vector_t`."""
+
+    def reals(values: Sequence[float]) -> str:
+        return "{" + ", ".join(_sampled(value, real) for value in values or (0.0,)) + "}"
+
+    entry = vector.tracker
+    numbers = (vector.location, vector.signature, vector.status, entry, int(vector.reset))
+    head = f"{{{reals(vector.input)}, {reals(vector.output)}, {vector.event}}}"
+    return f"{{{head}, {reals(vector.x)}, {', '.join(map(str, numbers))}}}"
+
+
+def _sampled(value: float, real: Real) -> str:
+    """A number of a sample, which unlike a constant may be NaN or infinite."""
+    if isnan(value):
+        return f"({real})NAN"
+    if isinf(value):
+        return f"({real}){'-' if value < 0 else ''}INFINITY"
+    return c_real(value, real)

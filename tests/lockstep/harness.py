@@ -1,0 +1,151 @@
+"""Compiles and runs generated code, and compares it with the reference step, for any `StepTables`.
+
+`run_c` feeds a driver, written in C against the public header alone, with a binary file of samples and reads back a
+binary file of estimates; `run_python` does the same with the generated Python in a process of its own.
+`expected_estimates` gives the bytes that the recorded vectors stand for: equal bytes are equal estimates, bit for bit.
+"""
+
+import shutil
+import struct
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from deshybrid.emit.c import emit_c
+from deshybrid.emit.provenance import Provenance
+from deshybrid.emit.vectors import Vector
+from deshybrid.observer.tables import StepTables
+
+ORIGIN = Provenance("small", "models/small.yaml", "3f9c" * 16, "0.1.0", ("Certificate: none needed in a test.",))
+STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror", "-ffp-contract=off")
+SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g")
+STANDARDS = {
+    "c99": ("gcc", "-x", "c", "-std=c99"),
+    "c11": ("gcc", "-x", "c", "-std=c11"),
+    "c++11": ("g++", "-x", "c++", "-std=c++11"),
+    "c++17": ("g++", "-x", "c++", "-std=c++17"),
+}
+
+_DRIVER = """\
+#include "PREFIX.h"
+#include <stdio.h>
+
+int main(int argc, char **argv)
+{
+    PREFIX_state_t state;
+    PREFIX_input_t input = {{0}, {0}, 0};
+    PREFIX_output_t output;
+    FILE *in = argc > 2 ? fopen(argv[1], "rb") : NULL;
+    FILE *out = argc > 2 ? fopen(argv[2], "wb") : NULL;
+    int32_t head[4];
+    if (in == NULL || out == NULL) {
+        return 2;
+    }
+    PREFIX_init(&state);
+    while (fread(head, sizeof head[0], 2, in) == 2) {
+        if (fread(input.u, sizeof input.u[0], UPPER_N_INPUTS, in) != UPPER_N_INPUTS ||
+            fread(input.y, sizeof input.y[0], UPPER_N_OUTPUTS, in) != UPPER_N_OUTPUTS) {
+            return 3;
+        }
+        input.event = head[0];
+        if (head[1]) {
+            PREFIX_reset(&state);
+        }
+        PREFIX_step(&state, &input, &output);
+        head[0] = output.location;
+        head[1] = output.signature;
+        head[2] = output.status;
+        head[3] = output.identified;
+        fwrite(head, sizeof head[0], 4, out);
+        fwrite(output.entry_estimate, 1, UPPER_N_LOCATIONS, out);
+        fwrite(output.x_hat, sizeof output.x_hat[0], UPPER_N_STATES, out);
+    }
+    fclose(in);
+    return fclose(out) == 0 ? 0 : 4;
+}
+"""
+
+_PYTHON_DRIVER = """\
+import struct, sys
+from {prefix} import Observer, step, TABLES, ENTRY_ESTIMATES, LOCATIONS, start
+inputs, outputs, real = {inputs}, {outputs}, "d"
+size = struct.calcsize("=2i%dd" % (inputs + outputs))
+data = open(sys.argv[1], "rb").read()
+state = start(TABLES)
+with open(sys.argv[2], "wb") as out:
+    for at in range(0, len(data), size):
+        event, reset, *numbers = struct.unpack_from("=2i%dd" % (inputs + outputs), data, at)
+        if reset:
+            state = start(TABLES)
+        state, estimate = step(TABLES, state, tuple(numbers[:inputs]), tuple(numbers[inputs:]), event)
+        location, tracker, signature, status, x = estimate
+        out.write(struct.pack("=4i", location, signature, status, location >= 0))
+        out.write(bytes(index in ENTRY_ESTIMATES[tracker] for index in range(len(LOCATIONS))))
+        out.write(struct.pack("=%dd" % len(x), *x))
+"""
+
+
+def missing_compiler() -> str:
+    """Return why no C can be compiled here, or an empty string."""
+    absent = [tool for tool in ("gcc", "g++") if shutil.which(tool) is None]
+    return f"no {' and no '.join(absent)} on this machine" if absent else ""
+
+
+def write_c(folder: Path, tables: StepTables, *, prefix: str = "small", real: str = "double") -> None:
+    """Generate the C code into `folder`, with the driver as `driver.c`."""
+    for name, text in emit_c(tables, prefix=prefix, real=real, provenance=ORIGIN).items():  # type: ignore[arg-type]
+        (folder / name).write_text(text, encoding="ascii")
+    driver = _DRIVER.replace("PREFIX", prefix).replace("UPPER", prefix.upper())
+    (folder / "driver.c").write_text(driver, encoding="ascii")
+
+
+def build(folder: Path, program: str, sources: Sequence[str], standard: str = "c99", flags: Sequence[str] = ()) -> Path:
+    """Compile with every warning an error; a failure shows the compiler's words."""
+    command = [*STANDARDS[standard], *STRICT, *flags, "-o", program, *sources]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return folder / program
+
+
+def run_c(folder: Path, program: Path, vectors: Sequence[Vector], *, real: str = "double") -> bytes:
+    """Return the estimates that the driver writes for the samples of `vectors`."""
+    return _run([str(program)], folder, sample_bytes(vectors, real))
+
+
+def run_python(folder: Path, prefix: str, tables: StepTables, vectors: Sequence[Vector]) -> bytes:
+    """Return the estimates of the generated Python, which lies in `folder` and sees no installed package."""
+    driver = _PYTHON_DRIVER.format(prefix=prefix, inputs=len(tables.input_names), outputs=len(tables.output_names))
+    (folder / "driver.py").write_text(driver, encoding="ascii")
+    return _run([sys.executable, "-S", "-E", "driver.py"], folder, sample_bytes(vectors, "double"))
+
+
+def sample_bytes(vectors: Sequence[Vector], real: str) -> bytes:
+    """The samples of `vectors` as the drivers read them."""
+    letter = "d" if real == "double" else "f"
+    return b"".join(
+        struct.pack("=2i", v.event, v.reset)
+        + struct.pack(f"={len(v.input) + len(v.output)}{letter}", *v.input, *v.output)
+        for v in vectors
+    )
+
+
+def expected_estimates(tables: StepTables, vectors: Sequence[Vector], *, real: str = "double") -> bytes:
+    """The estimates of the reference step, as the drivers write them."""
+    letter = "d" if real == "double" else "f"
+    locations = range(len(tables.location_names))
+    return b"".join(
+        struct.pack("=4i", v.location, v.signature, v.status, v.location >= 0)
+        + bytes(index in tables.tracker[v.tracker].entry_estimate for index in locations)
+        + struct.pack(f"={len(v.x)}{letter}", *v.x)
+        for v in vectors
+    )
+
+
+def _run(command: Sequence[str], folder: Path, samples: bytes) -> bytes:
+    (folder / "samples.bin").write_bytes(samples)
+    done = subprocess.run(
+        [*command, "samples.bin", "estimates.bin"], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return (folder / "estimates.bin").read_bytes()
