@@ -52,13 +52,14 @@ def step(
     `event` is 0 for none, else 1 + the number of the event; location and signature are -1 where there is none.
     """
     valid = is_within(sample_input) and is_within(sample_output)
+    before = state.active
     state = advance(tables, state)
     if valid:
         state = decide(tables["generators"], state, sample_input, sample_output)
     silence = min(state.silence + 1, tables["window_ticks"]) if state.ticks > 0 else 0
-    seen = tuple(before or now for before, now in zip(state.seen, state.active, strict=True))
-    state = state._replace(ticks=state.ticks + 1, silence=silence, seen=seen)
-    state, signature, inconsistent = track(tables, state, event)
+    state = state._replace(ticks=state.ticks + 1, silence=silence)
+    state, signature, inconsistent = track(tables, state, event, before)
+    state = state._replace(seen=tuple(was or now for was, now in zip(state.seen, state.active, strict=True)))
     location, provisional = tables["tracker"][state.tracker][:2]
     status = IDENTIFIED if location >= 0 else PROVISIONAL if provisional else SEARCHING
     if inconsistent:
@@ -136,7 +137,7 @@ def is_quiet(generator: Tables, z: Numbers, on: bool, sample_input: Numbers, sam
     return True
 
 
-def track(tables: Tables, state: State, event: int) -> tuple[State, int, bool]:
+def track(tables: Tables, state: State, event: int, before: Flags) -> tuple[State, int, bool]:
     """Move by event, signature or silence; return also the signature (or -1) and whether nothing explains the event."""
     inconsistent = moved = False
     if event != 0:
@@ -146,7 +147,7 @@ def track(tables: Tables, state: State, event: int) -> tuple[State, int, bool]:
             inconsistent = True
             target = tables["restart_on_event"][event - 1] if known else tables["restart"]
         state, moved = move(tables, state, target), True
-    target, signature, fired = listen(tables, state)
+    target, signature, fired = listen(tables, state, before)
     state = state._replace(fired=fired)
     timeout = tables["tracker"][state.tracker][4]
     if target >= 0:
@@ -157,13 +158,18 @@ def track(tables: Tables, state: State, event: int) -> tuple[State, int, bool]:
     return state, signature, inconsistent
 
 
-def listen(tables: Tables, state: State) -> tuple[int, int, int]:
-    """Return target and number of the first signature that holds (or -1, -1), and the one that is blocked from now."""
+def listen(tables: Tables, state: State, before: Flags) -> tuple[int, int, int]:
+    """Return target and number of the first signature that holds (or -1, -1), and the one that is blocked from now.
+
+    `before` is the activity one tick ago.
+    """
     blocked = -1
     for signature, own, quiet, target in tables["tracker"][state.tracker][3]:
         holds = not any(state.active[g] for g in quiet)
         if own >= 0:
             holds = holds and state.active[own]
+            if target == state.tracker:  # a self-loop: the residual was small, left, and has come back just now
+                holds = holds and state.seen[own] and not before[own] and state.silence > 0
         else:  # a negation: generators that had no time to become active are no evidence
             settled = state.silence == tables["window_ticks"]
             holds = holds and (settled or any(state.seen[g] for g in quiet))

@@ -1,8 +1,8 @@
 """Small hand-made tables of a step, which use every part of a tick: n = 2, m = 1, p = 1, three locations.
 
 The numbers are those of no model; they are chosen so that ordinary samples reach every branch: two residual generators
-(of `a` and `b`), a negation (`s_c`), two events, resets, a provisional state with a timeout, an inconsistent timeout,
-a location without continuous observer.
+(of `a` and `b`), a negation (`s_c`), a self-loop that is seen (`s_a` in `a`), two events, resets, a provisional state
+with a timeout, an inconsistent timeout, a location without continuous observer.
 """
 
 import numpy as np
@@ -58,7 +58,13 @@ _TRACKER = (
             Candidate(_S_C, -1, (_Z_A, _Z_B), _IN_C),
         ),
     ),
-    TrackerState((_A,), _A, False, (-1, _A_OR_C), (Candidate(_S_B, _Z_B, (_Z_A,), _IN_B),)),
+    TrackerState(
+        (_A,),
+        _A,
+        False,
+        (-1, _A_OR_C),
+        (Candidate(_S_A, _Z_A, (_Z_B,), _IN_A), Candidate(_S_B, _Z_B, (_Z_A,), _IN_B)),
+    ),
     TrackerState((_B,), _B, False, (_A_OR_B, _IN_B), (Candidate(_S_C, -1, (_Z_B,), _IN_C),)),
     TrackerState((_C,), _C, False, (_IN_A, -1), (Candidate(_S_A, _Z_A, (), _IN_A), Candidate(_S_B, _Z_B, (), _IN_B))),
     TrackerState((_A, _C), -1, True, (_IN_A, -1), (Candidate(_S_A, _Z_A, (), _IN_A),), _IN_C),
@@ -91,7 +97,7 @@ def small_tables() -> StepTables:
         restart=_ANY,
         restart_on_event=(_IN_A, _ANY),
         window_ticks=5,
-        reset_index=((-1, 0, -1), (1, -1, -1), (-1, -1, -1)),
+        reset_index=((1, 0, -1), (1, -1, -1), (-1, -1, -1)),
         reset_matrix=np.array([[[1.0, 0.0], [0.5, 0.9]], [[0.7, 0.0], [0.0, 1.1]]]),
         reset_offset=np.array([[0.0, 0.1], [-0.1, 0.0]]),
     )
