@@ -1,0 +1,192 @@
+"""Messages about gains: what is wrong with a wish, and what a warning has to name.
+
+In: a system and the Kalman split of a location.  Out: diagnostics DH0502 to DH0511; explanations in `explanations/05`.
+"""
+
+from collections.abc import Mapping
+from math import inf, isfinite
+
+import numpy as np
+
+from deshybrid.continuous.error import dynamics_of
+from deshybrid.continuous.modes import decay_rate
+from deshybrid.continuous.placement import pole_problem
+from deshybrid.diagnostics import Diagnostic, UsageError, diagnostic
+from deshybrid.linear.arrays import ComplexArray, FloatArray
+from deshybrid.linear.observability import KalmanSplit, sorted_spectrum
+from deshybrid.model.system import HybridSystem, Location
+
+STABLE = 1e-9
+"""A mode counts as decaying if its rate exceeds this share of the size of the location's matrix."""
+ROOM = 0.95
+"""A rate above this share of the slowest fixed mode's is out of reach."""
+INVOLVED = 0.1
+"""A state is named with a mode if its share of the mode's eigenvector, in scaled units, exceeds this."""
+
+
+def require_positive(what: str, value: float | None) -> None:
+    """Raise `UsageError` (DH0508) unless `value` is None or a positive, finite number."""
+    if value is not None and not (isfinite(value) and value > 0):
+        raise UsageError(diagnostic("DH0508", f"the {what} must be positive and finite, it is {value:g}"))
+
+
+def require_not_negative(what: str, value: float) -> None:
+    """Raise `UsageError` (DH0508) unless `value` is a finite number of at least zero."""
+    if not (isfinite(value) and value >= 0):
+        raise UsageError(diagnostic("DH0508", f"the {what} must not be negative and finite, it is {value:g}"))
+
+
+def rate_left(split: KalmanSplit, requested: float, step: float | None) -> float:
+    """Return the rate (1/s) to certify: what is asked, or half of what the fixed modes have where that is too slow."""
+    allowed = -decay_rate(sorted_spectrum(split.A_u), step)
+    return requested if requested <= ROOM * allowed else allowed / 2
+
+
+def gain_problems(system: HybridSystem, name: str, split: KalmanSplit) -> list[Diagnostic]:
+    """Return what stands against a gain for this location: fixed modes that stay, poles or gains that do not fit."""
+    location, dynamics = system.location(name), dynamics_of(system, name)
+    problems = _undetectable(system, location, split)
+    gain, poles = system.observer.gains.get(name), system.observer.poles.get(name)
+    wanted = (len(dynamics.A), len(dynamics.C))
+    if gain is not None and gain.shape != wanted:
+        problems.append(diagnostic("DH0507", f"the gain of `{name}` has shape {gain.shape}, expected {wanted}"))
+    if gain is None and poles is not None:
+        problems += _pole_problems(location, np.array(poles, dtype=np.complex128), split)
+    return problems
+
+
+def cap_warning(system: HybridSystem, name: str, split: KalmanSplit, requested: float) -> tuple[Diagnostic, ...]:
+    """Return a warning (DH0502) if the fixed modes of this location are too slow for the rate that was asked for."""
+    left = rate_left(split, requested, system.time_step)
+    if left == requested:
+        return ()
+    location, own = system.location(name), 2 * left
+    message = f"fixed modes of `{name}` cap the rate of convergence: {requested:.6g} 1/s asked, {left:.6g} 1/s left"
+    return (
+        diagnostic(
+            "DH0502",
+            message,
+            location.span,
+            notes=_modes(system, location, split),
+            helps=(f"ask for a rate below {own:.6g} 1/s, or measure one of the states named",),
+            severity="warning",
+        ),
+    )
+
+
+def spread_warning(location: Location, poles: ComplexArray) -> Diagnostic:
+    """Return the warning (DH0506) that repeated poles were moved apart."""
+    used = ", ".join(_number(pole) for pole in poles)
+    return diagnostic(
+        "DH0506",
+        f"poles of `{location.name}` are repeated more often than its outputs allow; placed at {used}",
+        location.span,
+        notes=("a pole repeated more often than rank(C) has too few eigenvectors, so κ would be infinite",),
+        helps=("write distinct poles",),
+        severity="warning",
+    )
+
+
+def loop_problems(
+    system: HybridSystem, loops: Mapping[str, FloatArray], spectra: Mapping[str, ComplexArray]
+) -> list[Diagnostic]:
+    """Return an error (DH0504) for every location whose closed loop does not decay."""
+    found = []
+    for name, values in spectra.items():
+        rate = decay_rate(values, system.time_step)
+        if rate < -STABLE * _speed(loops[name], system.time_step):
+            continue
+        given = "the given gain" if name in system.observer.gains else "the gain found"
+        worst = ", ".join(_number(v) for v in values if decay_rate(np.array([v]), system.time_step) >= rate - 1e-9)
+        found.append(
+            diagnostic(
+                "DH0504",
+                f"{given} leaves the observer of `{name}` unstable: eigenvalue {worst}",
+                system.location(name).span,
+                helps=("every eigenvalue of A - G C must decay; remove the gain to have one designed",),
+            )
+        )
+    return found
+
+
+def loop_warnings(system: HybridSystem, kappas: Mapping[str, float]) -> tuple[Diagnostic, ...]:
+    """Return a warning (DH0510) for every location whose closed loop is defective."""
+    return tuple(
+        diagnostic(
+            "DH0510",
+            f"the closed loop of `{name}` is not diagonalisable, so its condition number is infinite",
+            system.location(name).span,
+            notes=("condition (20) cannot hold with κ = ∞",),
+            helps=("choose distinct poles",),
+            severity="warning",
+        )
+        for name, kappa in kappas.items()
+        if kappa == inf
+    )
+
+
+def _undetectable(system: HybridSystem, location: Location, split: KalmanSplit) -> list[Diagnostic]:
+    rate = decay_rate(sorted_spectrum(split.A_u), system.time_step)
+    if rate < -STABLE * _speed(dynamics_of(system, location.name).A, system.time_step):
+        return []
+    message = f"no gain exists for `{location.name}`: an unobservable mode of this persistent location does not decay"
+    helps = (
+        "measure one of the states named, or model the damping that makes the mode decay",
+        "if the location is left again and again, its neighbours may determine the mode: Balluchi et al. (2003)",
+    )
+    return [diagnostic("DH0503", message, location.span, notes=_modes(system, location, split), helps=helps)]
+
+
+def _pole_problems(location: Location, poles: ComplexArray, split: KalmanSplit) -> list[Diagnostic]:
+    count, name = split.observable_dimension, location.name
+    problem = pole_problem(poles, count)
+    if problem:
+        fixed = ", ".join(_number(mode) for mode in sorted_spectrum(split.A_u))
+        notes = (f"fixed modes, which no pole replaces: {fixed}",) if fixed else ()
+        return [diagnostic("DH0505", f"poles of `{name}`: {problem}", location.span, notes=notes)]
+    if (poles.real >= 0).any():
+        message = f"poles of `{name}`: {_number(poles[poles.real >= 0][0])} does not decay"
+        helps = ("poles are in 1/s with negative real part, also in discrete time",)
+        return [diagnostic("DH0505", message, location.span, helps=helps)]
+    return []
+
+
+def _modes(system: HybridSystem, location: Location, split: KalmanSplit) -> tuple[str, ...]:
+    """One note a fixed mode: its eigenvalue and the states that move in it."""
+    k = split.observable_dimension
+    values, vectors = np.linalg.eig(split.A_u)
+    order = np.lexsort((-values.imag, -values.real))
+    hidden = split.transform[:, k:]
+    sizes = np.linalg.norm(split.inverse, axis=0)
+    notes = []
+    for value, vector in zip(values[order], vectors[:, order].T, strict=True):
+        if value.imag < 0:
+            continue
+        shares = np.abs(hidden @ vector) * sizes
+        names = [n for n, share in zip(system.state_names, shares, strict=True) if share > INVOLVED * shares.max()]
+        moving = ", ".join(f"`{n}`" for n in names)
+        notes.append(f"`{location.name}`: mode {_number(value)} in {moving}, which no output shows")
+    return tuple(notes)
+
+
+def _speed(matrix: FloatArray, step: float | None) -> float:
+    return float(np.linalg.norm(matrix, 2)) if step is None else 1 / step
+
+
+def _number(value: complex) -> str:
+    """An eigenvalue as one reads it, a conjugate pair by its upper member."""
+    if abs(value.imag) <= 1e-9 * abs(value):
+        return f"{value.real:.6g}"
+    return f"{value.real:.6g}{value.imag:+.6g}j"
+
+
+__all__ = [
+    "cap_warning",
+    "gain_problems",
+    "loop_problems",
+    "loop_warnings",
+    "rate_left",
+    "require_not_negative",
+    "require_positive",
+    "spread_warning",
+]

@@ -1,0 +1,255 @@
+"""Observer gains: one G_i per persistent location, and what the closed loop A_i - G_i C_i is then like.
+
+In: a hybrid system, its persistent locations, the rate μ (1/s) and the dwell time D (s) that are wanted.  Out: gains,
+spectra, eigenvectors, and the modes that no gain moves.  What the model says of a location comes first: its `gains`
+are taken as they are, its `poles` are placed; every other location gets the default search of `continuous/search.py`.
+
+Defaults.  D: the model's `observer.dwell`, else the least `dwell.min` if every persistent location states one.  μ: the
+model's `observer.rate`, else 1/D, else the geometric mean of the nonzero |eigenvalues| of the persistent locations (as
+fast as the plant), else 1/s.  If no D is known, the search aims at D = 1/μ.  In discrete time all poles and rates are
+still in 1/s and mapped by λ -> e^{λ h}; gains are those of the predictor x̂(k+1) = A x̂ + B u + G (y - C x̂ - D u).
+
+A detectable location keeps its fixed modes.  Where they are too slow for μ, μ becomes half of what they have, so that
+the required dwell time is at most twice the least that any rate would ask, and a warning says so.
+
+Source: Balluchi et al. (2012), section 3.2, (16), (20).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import inf
+from types import MappingProxyType
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from deshybrid.continuous.checks import (
+    cap_warning,
+    gain_problems,
+    loop_problems,
+    loop_warnings,
+    rate_left,
+    require_not_negative,
+    require_positive,
+    spread_warning,
+)
+from deshybrid.continuous.error import dynamics_of, error_dynamics, error_resets, state_scale
+from deshybrid.continuous.modes import condition
+from deshybrid.continuous.placement import output_rank, place_detectable, place_gain, spread_poles
+from deshybrid.continuous.scale import best_scale
+from deshybrid.continuous.search import GainTask, default_gain, from_plane_s, reset_norm, to_plane_s
+from deshybrid.diagnostics import Diagnostic, GainError, raise_all
+from deshybrid.linear.arrays import ComplexArray, FloatArray, frozen_array
+from deshybrid.linear.observability import KalmanSplit, kalman_split, sorted_spectrum
+from deshybrid.model.system import HybridSystem
+
+Method: TypeAlias = Literal["place"]
+GainSource: TypeAlias = Literal["model gains", "model poles", "search"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObserverGains:
+    """Gains and closed loops by location, in the order of `locations`; read-only.
+
+    gains (n, p_i); closed_loop F = A - G C (n, n); eigenvalues (n,), slowest first; eigenvectors (n, n) with columns
+    of unit length in the norm ‖diag(scale)⁻¹ ·‖₂; condition: κ of these columns in that norm (infinite where F is
+    defective); fixed_modes: the eigenvalues that no gain moves; sources: where each gain came from; `rate` (1/s) is
+    what may be certified, `requested_rate` what was asked (or the default); `dwell` (s): the stated dwell time or
+    None.
+    """
+
+    locations: tuple[str, ...]
+    gains: Mapping[str, FloatArray]
+    closed_loop: Mapping[str, FloatArray]
+    eigenvalues: Mapping[str, ComplexArray]
+    eigenvectors: Mapping[str, ComplexArray]
+    condition: Mapping[str, float]
+    fixed_modes: Mapping[str, ComplexArray]
+    sources: Mapping[str, GainSource]
+    method: Method
+    scale: FloatArray
+    rate: float
+    requested_rate: float
+    dwell: float | None
+    warnings: tuple[Diagnostic, ...] = ()
+
+
+def design_gains(
+    system: HybridSystem,
+    locations: tuple[str, ...],
+    *,
+    rate: float | None = None,
+    dwell: float | None = None,
+    delay: float = 0.0,
+    method: Method = "place",
+) -> ObserverGains:
+    """Return one gain per location of `locations` (the persistent ones), aiming at (20) for the time D - delay.
+
+    Raises
+    ------
+    UsageError
+        DH0501 a location without continuous dynamics; DH0508 a rate, dwell time or delay that makes no sense.
+    GainError
+        DH0503 a location keeps a mode that neither decays nor is seen; DH0504 a given gain leaves a location unstable;
+        DH0505 given poles do not fit; DH0507 a given gain has the wrong shape.  All of them together.
+
+    Whether the gains meet (20) is decided by `deshybrid.continuous.dwell.certify_dwell`.
+
+    >>> from deshybrid.model.load import loads
+    >>> system = loads('''
+    ... format: deshybrid/1
+    ... name: twin
+    ... state: [a, b]
+    ... output: [y]
+    ... locations:
+    ...   p: {A: [[0, 1], [-4, -1]], C: [[1, 0]]}
+    ...   q: {A: [[0, 1], [-9, -1]], C: [[1, 0]]}
+    ... transitions:
+    ...   - {from: p, to: q, event: up, emits: up}
+    ...   - {from: q, to: p, event: down, emits: down}
+    ... ''')
+    >>> made = design_gains(system, ("p", "q"), rate=2.0, dwell=1.5)
+    >>> [bool(made.eigenvalues[name].real.max() < -2.0) for name in made.locations]
+    [True, True]
+    """
+    require_positive("rate", rate)
+    require_positive("dwell time", dwell)
+    require_not_negative("delay", delay)
+    splits = {name: _split(system, name) for name in locations}
+    raise_all([p for name in locations for p in gain_problems(system, name, splits[name])], GainError)
+    plan = _plan(system, splits, rate=rate, dwell=dwell, delay=delay)
+    found = {name: _gain(plan, name) for name in locations}
+    if any(source == "search" for _, source, _ in found.values()):
+        # The first gains show which norm suits the closed loops; searching again in it finds smaller gains.
+        loops = error_dynamics(system, {name: gain for name, (gain, _, _) in found.items()})
+        plan = replace(plan, scale=best_scale(loops, plan.scale, plan.certified))
+        found = {name: _gain(plan, name) for name in locations}
+    made = _analysed(plan, found, method)
+    raise_all(loop_problems(system, made.closed_loop, made.eigenvalues), GainError)
+    return made
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Plan:
+    """What the search is told: rates in 1/s as asked and as left by fixed modes; `aim`: the dwell time to aim at."""
+
+    system: HybridSystem
+    splits: Mapping[str, KalmanSplit]
+    scale: FloatArray
+    requested: float
+    certified: float
+    dwell: float | None
+    aim: float
+
+
+def stated_dwell(system: HybridSystem, locations: tuple[str, ...]) -> float | None:
+    """Return the dwell time D (s): the observer's, or the least of the locations' if each states one, else None."""
+    if system.observer.dwell is not None:
+        return system.observer.dwell
+    stated = [system.location(name).dwell.min for name in locations]
+    known = [value for value in stated if value]
+    return min(known) if known and len(known) == len(stated) else None
+
+
+def _split(system: HybridSystem, name: str) -> KalmanSplit:
+    dynamics = dynamics_of(system, name)
+    return kalman_split(dynamics.A, dynamics.C)
+
+
+def _default_rate(system: HybridSystem, locations: tuple[str, ...], dwell: float | None) -> float:
+    if system.observer.rate is not None:
+        return system.observer.rate
+    if dwell is not None:
+        return 1 / dwell
+    spectra = [np.linalg.eigvals(dynamics_of(system, name).A).astype(np.complex128) for name in locations]
+    sizes = np.abs(to_plane_s(np.concatenate(spectra), system.time_step)) if spectra else np.ones(0)
+    moving = sizes[sizes > 1e-6 * sizes.max(initial=0.0)]
+    return float(np.exp(np.log(moving).mean())) if moving.size else 1.0
+
+
+def _plan(
+    system: HybridSystem,
+    splits: Mapping[str, KalmanSplit],
+    *,
+    rate: float | None,
+    dwell: float | None,
+    delay: float,
+) -> _Plan:
+    locations = tuple(splits)
+    dwell = stated_dwell(system, locations) if dwell is None else dwell
+    requested = _default_rate(system, locations, dwell) if rate is None else rate
+    certified = min(requested, *(rate_left(split, requested, system.time_step) for split in splits.values()), inf)
+    aim = 1 / requested if dwell is None else max(dwell - delay, 0.05 * dwell)
+    return _Plan(system, splits, state_scale(system, locations), requested, certified, dwell, aim)
+
+
+def _task(plan: _Plan, name: str) -> GainTask:
+    dynamics = dynamics_of(plan.system, name)
+    jumps = [reset.matrix for reset in error_resets(plan.system, tuple(plan.splits)) if reset.source == name]
+    return GainTask(
+        dynamics.A,
+        dynamics.C,
+        plan.splits[name],
+        plan.scale,
+        reset_norm(jumps, plan.scale),
+        plan.requested,
+        plan.certified,
+        plan.aim,
+        plan.system.time_step,
+    )
+
+
+_Found: TypeAlias = tuple[FloatArray, GainSource, tuple[Diagnostic, ...]]
+
+
+def _gain(plan: _Plan, name: str) -> _Found:
+    system, task = plan.system, _task(plan, name)
+    warning = cap_warning(system, name, task.split, task.rate)
+    if name in system.observer.gains:
+        return system.observer.gains[name], "model gains", warning
+    if name not in system.observer.poles:
+        return default_gain(task), "search", warning
+    poles = from_plane_s(np.array(system.observer.poles[name], dtype=np.complex128), task.step)
+    poles, changed = spread_poles(poles, output_rank(task.C, task.scale))
+    if changed:
+        warning = (*warning, spread_warning(system.location(name), poles))
+    if task.split.observable_dimension == len(task.A):
+        return place_gain(task.A, task.C, poles, scale=task.scale), "model poles", warning
+    return place_detectable(task.split, poles, task.scale), "model poles", warning
+
+
+def _analysed(plan: _Plan, found: Mapping[str, _Found], method: Method) -> ObserverGains:
+    gains, loops, spectra, bases, kappas = {}, {}, {}, {}, {}
+    for name, (gain, _, _) in found.items():
+        dynamics = dynamics_of(plan.system, name)
+        gains[name] = frozen_array(gain, gain.shape)
+        loops[name] = frozen_array(dynamics.A - gain @ dynamics.C, dynamics.A.shape)
+        spectra[name], bases[name], kappas[name] = _eigen(loops[name], plan.scale)
+    warnings = tuple(warning for _, _, extra in found.values() for warning in extra)
+    return ObserverGains(
+        locations=tuple(found),
+        gains=MappingProxyType(gains),
+        closed_loop=MappingProxyType(loops),
+        eigenvalues=MappingProxyType(spectra),
+        eigenvectors=MappingProxyType(bases),
+        condition=MappingProxyType(kappas),
+        fixed_modes=MappingProxyType({name: sorted_spectrum(plan.splits[name].A_u) for name in found}),
+        sources=MappingProxyType({name: source for name, (_, source, _) in found.items()}),
+        method=method,
+        scale=frozen_array(plan.scale, plan.scale.shape),
+        rate=plan.certified,
+        requested_rate=plan.requested,
+        dwell=plan.dwell,
+        warnings=(*warnings, *loop_warnings(plan.system, kappas)),
+    )
+
+
+def _eigen(F: FloatArray, scale: FloatArray) -> tuple[ComplexArray, ComplexArray, float]:
+    """Eigenvalues in the order of `sorted_spectrum`, unit eigenvectors in the scaled norm, and their κ."""
+    values, vectors = np.linalg.eig(F * scale / scale[:, None])
+    order = np.lexsort((-values.imag, -values.real))
+    vectors = vectors[:, order].astype(np.complex128)
+    return values[order].astype(np.complex128), scale[:, None] * vectors, condition(vectors)
+
+
+__all__ = ["GainSource", "Method", "ObserverGains", "design_gains", "stated_dwell"]
