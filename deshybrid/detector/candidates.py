@@ -43,7 +43,8 @@ class TransitionVerdict:
 class FeasibleCandidate:
     """The candidate signature of one location, with the verdict on every transition that enters it.
 
-    `candidate` holds the transitions that are left; with none left there is nothing to instrument.
+    `candidate` holds the transitions that are left; with none left it offers a residual generator at most, which the
+    negation of others may need.
     """
 
     candidate: Candidate
@@ -143,8 +144,8 @@ def _candidate(
         location=wish.location,
         transitions=transitions,
         cost=wish.cost,
-        residual=bool(residual),
-        negation=bool(negation) and set(transitions) <= set(negation),
+        residual=wish.by != "negation" and transitions == residual,
+        negation=wish.by != "residual" and set(transitions) <= set(negation),
     )
     return FeasibleCandidate(candidate, verdicts)
 
