@@ -22,7 +22,8 @@ LEVEL = {
     "simulate": 5,
     "verify": 5,
     "compiler": 6,
-    "cli": 7,
+    "bundle": 7,
+    "cli": 8,
 }
 BESIDE = {("detector", "continuous")}  # residual gains are placed by the code that places observer gains
 

@@ -1,0 +1,319 @@
+"""The command `deshybrid`: reads a path or `-`, writes its result to standard output or `-o`, messages to standard error.
+
+Exit codes: 0 done and the answer is yes, 1 done and the answer is no, 2 the input or the call is wrong, 3 a stated limit was
+reached.  Never a traceback on input.  What a command needs is imported when it runs, so that the start stays light.
+"""
+
+import signal
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from types import FrameType
+from typing import Annotated, Literal, NoReturn
+
+import typer
+
+from deshybrid.diagnostics import (
+    DeshybridError,
+    Diagnostic,
+    GainError,
+    LimitReached,
+    UsageError,
+    catalogue,
+    diagnostic,
+    render_all,
+)
+
+YES, NO, WRONG, LIMIT = 0, 1, 2, 3
+
+
+class Target(StrEnum):
+    """A language that observers are generated in."""
+
+    C = "c"
+    PYTHON = "python"
+
+
+app = typer.Typer(
+    name="deshybrid",
+    help="Can the current location of a hybrid plant be known?  If not, why, and what would do?  Which observer results?",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Model = Annotated[str, typer.Argument(metavar="MODEL", help="a model file, or - for standard input")]
+Output = Annotated[Path | None, typer.Option("-o", "--output", help="write the result here instead of standard output")]
+AsJson = Annotated[bool, typer.Option("--json", help="write JSON")]
+MaxStates = Annotated[int, typer.Option(min=1, help="stop with exit code 3 beyond this many observer states")]
+Timeout = Annotated[float | None, typer.Option(min=0.001, help="stop with exit code 3 after this many seconds")]
+Rate = Annotated[float | None, typer.Option(help="rate of convergence in 1/s; default: the model's `observer: rate`")]
+DwellTime = Annotated[float | None, typer.Option(help="dwell time in s; default: the model's")]
+Step = Annotated[float | None, typer.Option(help="sampling step in s; default: the model's `observer: step`")]
+CheckMethod = Literal["auto", "observer", "pairs"]
+DrawFormat = Literal["svg", "png", "pdf", "dot", "mmd", "graphml"]
+DrawWhat = Literal["des", "dprime", "observer", "complementary", "complementary-observer"]
+
+
+def main() -> None:
+    """Run the command line; every error the user can cause ends in a message and an exit code."""
+    try:
+        app()
+    except LimitReached as error:
+        _say(error.diagnostics)
+        sys.exit(LIMIT)
+    except GainError as error:
+        _say(error.diagnostics)
+        sys.exit(NO)
+    except DeshybridError as error:
+        _say(error.diagnostics)
+        sys.exit(WRONG)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(YES)
+
+
+def _say(diagnostics: Iterable[Diagnostic]) -> None:
+    text = render_all(diagnostics)
+    if text:
+        sys.stderr.write(text + "\n")
+
+
+def _finish(answer: bool) -> NoReturn:
+    raise typer.Exit(YES if answer else NO)
+
+
+def _write(output: Path | None, text: str | bytes) -> None:
+    from deshybrid.emit.files import write_result
+
+    write_result(output, text.encode() if isinstance(text, str) else text)
+
+
+@contextmanager
+def _limited(timeout: float | None) -> Iterator[None]:
+    """Turn a time limit into `LimitReached`; without one, do nothing."""
+    if timeout is None:
+        yield
+        return
+
+    def expire(_number: int, _frame: FrameType | None) -> None:
+        raise LimitReached(diagnostic("DH0903", f"undecided after {timeout:g} s", helps=("allow more with `--timeout`",)))
+
+    before = signal.signal(signal.SIGALRM, expire)
+    signal.setitimer(signal.ITIMER_REAL, timeout)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@app.command()
+def check(
+    model: Model,
+    method: Annotated[CheckMethod, typer.Option(help="build the observer, use the pair automaton, or choose")] = "auto",
+    max_states: MaxStates = 100_000,
+    timeout: Timeout = None,
+    as_json: AsJson = False,
+    output: Output = None,
+) -> None:
+    """Can the current location be known from the discrete outputs?  If not, exactly why."""
+    from deshybrid import compiler
+    from deshybrid.des.verdicts import verdict_diagnostics
+    from deshybrid.emit.records import check_record, to_json
+
+    with _limited(timeout):
+        report = compiler.check(model, method=method, max_states=max_states)
+    _write(output, to_json(check_record(report)) if as_json else f"{report}\n")
+    _say(verdict_diagnostics(report))
+    _finish(report.current_location_observable)
+
+
+@app.command()
+def recover(
+    model: Model,
+    max_states: MaxStates = 100_000,
+    timeout: Timeout = None,
+    as_json: AsJson = False,
+    output: Output = None,
+) -> None:
+    """Which smallest set of extra signals makes the current location observable?"""
+    from deshybrid import compiler
+    from deshybrid.emit.records import recover_record, to_json
+
+    with _limited(timeout):
+        recovery = compiler.recover(model, max_states=max_states)
+    record = recover_record(recovery.plan, recovery.feasibility)
+    _write(output, to_json(record) if as_json else f"{recovery}\n")
+    _say(recovery.diagnostics)
+    _finish(recovery.plan.recoverable)
+
+
+@app.command()
+def design(
+    model: Model,
+    rate: Rate = None,
+    dwell: DwellTime = None,
+    step: Step = None,
+    method: Annotated[Literal["place"], typer.Option(help="how gains are found")] = "place",
+    timeout: Timeout = None,
+    as_json: AsJson = False,
+    output: Output = None,
+) -> None:
+    """Which switching observer estimates the state, and for which dwell time is it guaranteed?"""
+    from deshybrid import compiler
+    from deshybrid.emit.records import to_json
+
+    with _limited(timeout):
+        made = compiler.design(model, rate=rate, dwell=dwell, step=step, method=method)
+    _write(output, to_json(made.document()) if as_json else f"{made}\n")
+    _say(made.problems)
+    _finish(made.certified)
+
+
+@app.command("compile")
+def compile_model(
+    model: Model,
+    output: Annotated[Path, typer.Option("-o", "--output", help="the folder for everything that is written")],
+    target: Annotated[list[Target] | None, typer.Option(help="code to generate; may be repeated")] = None,
+    real: Annotated[Literal["double", "float"], typer.Option(help="the generated C's type of real numbers")] = "double",
+    prefix: Annotated[str | None, typer.Option(help="prefix of all generated names; default: from the model's name")] = None,
+    rate: Rate = None,
+    dwell: DwellTime = None,
+    step: Step = None,
+    max_states: MaxStates = 100_000,
+    timeout: Timeout = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write report, drawings, design and observer code into a folder."""
+    from deshybrid import bundle, compiler
+    from deshybrid.emit.files import write_tree
+    from deshybrid.emit.records import to_json
+
+    wishes = bundle.Wishes(tuple(target or ("c", "python")), real, prefix)
+    with _limited(timeout):
+        made = compiler.compile(model, rate=rate, dwell=dwell, step=step, max_states=max_states)
+        files = bundle.files(made, wishes)
+    write_tree(output, files)
+    _write(None, to_json(made.record()) if as_json else f"{made}\n{_listing(output, files)}")
+    _say(made.diagnostics)
+    _finish(made.certified)
+
+
+def _listing(folder: Path, files: Iterable[str]) -> str:
+    return "".join(f"  wrote {folder / name}\n" for name in files)
+
+
+@app.command()
+def run(
+    model: Model,
+    trace: Annotated[str, typer.Option(help="a trace as CSV, or - for standard input")],
+    step: Step = None,
+    as_json: AsJson = False,
+    output: Output = None,
+) -> None:
+    """Run the observer on a trace; with truth columns in the trace, print the score."""
+    from deshybrid import compiler
+    from deshybrid.emit.records import to_json
+    from deshybrid.simulate.replay import replay, write_estimates
+    from deshybrid.simulate.score import score
+    from deshybrid.simulate.trace import read_trace
+
+    made = compiler.compile(model, step=step)
+    if made.observer is None:
+        _say(made.diagnostics)
+        _finish(False)
+    samples = read_trace(trace, made.observer.system, step=made.observer.step_seconds)
+    estimates = replay(made.observer, samples)
+    _write(output, write_estimates(estimates))
+    if samples.true_location is not None:
+        result = score(samples, estimates)
+        text = to_json(result.record()) if as_json else f"{result}\n"
+        (sys.stderr if output is None or str(output) == "-" else sys.stdout).write(text)
+
+
+@app.command()
+def simulate(
+    model: Model,
+    seed: Annotated[int, typer.Option(min=0, help="the same seed gives the same bytes")] = 0,
+    duration: Annotated[float | None, typer.Option(min=0.0, help="seconds; default: the model's, or 60")] = None,
+    step: Step = None,
+    output: Output = None,
+) -> None:
+    """Simulate the plant with disturbances and sensors, and write the trace with its truth."""
+    from deshybrid import compiler
+    from deshybrid.simulate.execution import simulate as execute
+    from deshybrid.simulate.trace import write_trace
+
+    execution = execute(compiler.to_hybrid(model), seed=seed, duration=duration, step=step)
+    _write(output, write_trace(execution.trace))
+    if execution.stop is not None:
+        _say([execution.stop.diagnostic])
+    _finish(execution.stop is None)
+
+
+@app.command()
+def draw(
+    model: Model,
+    what: Annotated[DrawWhat, typer.Option(help="what to draw")] = "des",
+    output: Output = None,
+    kind: Annotated[DrawFormat | None, typer.Option("--format", help="default: the suffix of -o, else svg")] = None,
+    max_states: MaxStates = 100_000,
+) -> None:
+    """Draw the automaton or an observer; persistent, C1- and C2-failing parts are visible at a glance."""
+    from deshybrid import bundle
+
+    _write(output, bundle.drawing(model, what, kind or bundle.format_of(output), max_states=max_states))
+
+
+@app.command()
+def verify(
+    design_file: Annotated[str, typer.Argument(metavar="DESIGN", help="a design.json, a compiled folder, or -")],
+    as_json: AsJson = False,
+    output: Output = None,
+) -> None:
+    """Check every claim of a design in exact arithmetic, without the code that made it."""
+    from deshybrid.emit.records import to_json
+    from deshybrid.verify import read_design, verify_design
+
+    result = verify_design(read_design(design_file))
+    _write(output, to_json(result.record()) if as_json else f"{result}\n")
+    _finish(result.holds)
+
+
+@app.command()
+def new(name: Annotated[str, typer.Argument(help="the model's name")] = "my_plant", output: Output = None) -> None:
+    """Write a small model file to start from."""
+    from deshybrid.model.starter import starter_model
+
+    _write(output, starter_model(name))
+
+
+@app.command()
+def explain(code: Annotated[str, typer.Argument(metavar="CODE", help="a code such as DH0203")]) -> None:
+    """Explain a message's code."""
+    found = catalogue().get(code.upper())
+    if found is None:
+        import difflib
+
+        near = difflib.get_close_matches(code.upper(), catalogue(), n=1)
+        helps = tuple(f"did you mean `{name}`" for name in near)
+        raise UsageError(diagnostic("DH0307", f"there is no code `{code}`", helps=helps))
+    _write(None, f"{found.code}: {found.title}\n\n{found.text}\n")
+
+
+@app.command()
+def schema(output: Output = None) -> None:
+    """Print the JSON Schema of model files."""
+    from deshybrid.emit.records import to_json
+    from deshybrid.model.schema import json_schema
+
+    _write(output, to_json(json_schema()))
+
+
+if __name__ == "__main__":
+    main()

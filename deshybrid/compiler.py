@@ -1,0 +1,261 @@
+"""The order of the stages: the one file to read first.
+
+A model is carried from one frozen value to the next, and each value keeps the value it was made from:
+
+    text -> HybridSystem -> DES -> ObservabilityReport -> Recovery (SignaturePlan) -> Design (gains, detector,
+    certificates) -> Compilation (HybridObserver and the texts)
+
+Every function takes a path, a `HybridSystem` or a `DES`, or the value of an earlier stage.  A "no" is a value too: nothing
+here raises because the answer is negative.  Source: Balluchi et al. (2012), sections 3 and 4.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+from deshybrid.des.automaton import DES
+from deshybrid.des.observability import ObservabilityReport, check_observability
+from deshybrid.des.verdicts import verdict_diagnostics
+from deshybrid.diagnostics import Diagnostic, GainError, UsageError, diagnostic
+from deshybrid.model.abstraction import abstract
+from deshybrid.model.load import load
+from deshybrid.model.system import HybridSystem
+
+if TYPE_CHECKING:
+    from deshybrid.continuous.dwell import DwellTimeCertificate
+    from deshybrid.continuous.gains import ObserverGains
+    from deshybrid.continuous.ultimate import UltimateBound
+    from deshybrid.des.signatures import SignaturePlan
+    from deshybrid.detector.candidates import FeasibleCandidate
+    from deshybrid.detector.detector import TransitionDetector
+    from deshybrid.observer.hybrid import HybridObserver
+
+Source: TypeAlias = str | Path | HybridSystem | DES
+Method: TypeAlias = Literal["auto", "observer", "pairs"]
+MAX_STATES = 100_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recovery:
+    """Stage 6: which signatures make the current location observable, and which of them the dynamics allow."""
+
+    system: HybridSystem | None
+    check: ObservabilityReport
+    candidates: "tuple[FeasibleCandidate, ...]"
+    plan: "SignaturePlan"
+
+    @property
+    def locations_to_estimate(self) -> tuple[str, ...]:
+        """The persistent locations: those whose continuous state an observer has to follow."""
+        return self.plan.report.persistent
+
+    @property
+    def feasibility(self) -> Mapping[str, str]:
+        """What the dynamics allow of each signature of the plan, by its name."""
+        found = {entry.location: entry for entry in self.candidates}
+        return {
+            signature.name: found[signature.location].feasibility(signature.by, signature.transitions)
+            for signature in self.plan.signatures
+        }
+
+    @property
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
+        """Why nothing helps, where the plant is not recoverable: the confusion that all candidates together leave."""
+        if self.plan.recoverable:
+            return ()
+        left_out = tuple(verdict.reason for entry in self.candidates for verdict in entry.excluded)
+        notes = tuple(f"no signature: {reason}" for reason in left_out)
+        return tuple(replace(d, notes=d.notes + notes, helps=()) for d in verdict_diagnostics(self.plan.report))
+
+    def __str__(self) -> str:
+        return str(self.plan)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Design:
+    """Stages 7 and 8: detector, gains, certificates and bound; a part is None where `problems` says why it is missing.
+
+    `certificates` of the continuous observer come before those of the sampled one, which is the one that the code runs.
+    """
+
+    system: HybridSystem
+    recovery: Recovery
+    step: float
+    detector: "TransitionDetector | None" = None
+    gains: "ObserverGains | None" = None
+    certificates: "tuple[DwellTimeCertificate, ...]" = ()
+    ultimate: "UltimateBound | None" = None
+    problems: tuple[Diagnostic, ...] = ()
+
+    @property
+    def exists(self) -> bool:
+        """True where a hybrid observer exists: the location is recoverable and every persistent location has a gain."""
+        return self.recovery.plan.recoverable and (self.gains is not None or self.system.is_discrete)
+
+    @property
+    def certified(self) -> bool:
+        """True where the observer exists and all of its certificates hold; a discrete one has nothing to certify."""
+        return self.exists and all(certificate.holds for certificate in self.certificates)
+
+    def document(self) -> dict[str, object]:
+        """Return the design as JSON values; the keys are a contract, and `verify` checks the claims in them."""
+        from deshybrid.continuous.document import design_document
+
+        return design_document(self.system, self.gains, self.certificates, self.ultimate, self.detection_delay, self.step)
+
+    @property
+    def detection_delay(self) -> Mapping[str, float | None]:
+        """Bounds of the time from a transition to its signature, by location; None where none is guaranteed."""
+        return {} if self.detector is None else self.detector.detection_delay
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compilation:
+    """Stage 9: the hybrid observer, None where none exists, with everything it was made from."""
+
+    design: Design
+    observer: "HybridObserver | None"
+
+    @property
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
+        """What the user has to know: why there is no observer, or what limits the one there is."""
+        return self.design.recovery.diagnostics + self.design.problems
+
+
+def to_system(source: Source) -> HybridSystem | DES:
+    """Return the model behind a path, or the model itself."""
+    return load(source) if isinstance(source, str | Path) else source
+
+
+def to_des(source: Source) -> DES:
+    """Return D_H of a path or a hybrid system, or the DES itself."""
+    model = to_system(source)
+    return model if isinstance(model, DES) else abstract(model)
+
+
+def check(source: Source, *, method: Method = "auto", max_states: int = MAX_STATES) -> ObservabilityReport:
+    """Can the current location be known from the discrete outputs?  Stages 2 to 5.
+
+    Raises `ModelError` for a malformed model and `LimitReached` (DH0901) beyond `max_states` observer states.
+    Source: Balluchi et al. (2012), Theorem 4.
+
+    >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", "β")])
+    >>> check(des).current_location_observable
+    True
+    """
+    return check_observability(to_des(source), method=method, max_states=max_states)
+
+
+def recover(source: Source, *, max_states: int = MAX_STATES) -> Recovery:
+    """Find the cheapest signatures that make the current location observable, with a proof.  Stage 6.
+
+    Source: Balluchi et al. (2012), section 4.1; the minimum by implicit hitting sets.
+
+    >>> des = DES.from_transitions([("1", "a", "2", "α"), ("1", "a", "3", "α"), ("2", "b", "1", "β"), ("3", "b", "1", "β")])
+    >>> [signature.name for signature in recover(des).plan.signatures]
+    ['s_2']
+    """
+    from deshybrid.des.signatures import recover_observability
+    from deshybrid.detector.candidates import discrete_candidates, signature_candidates
+
+    model = to_system(source)
+    if isinstance(model, DES):
+        system, des, candidates = None, model, discrete_candidates(model)
+    else:
+        system, des = model, abstract(model)
+        candidates = signature_candidates(model, des)
+    feasible = tuple(entry.candidate for entry in candidates if entry.candidate.transitions)
+    plan = recover_observability(des, feasible, max_states=max_states)
+    return Recovery(system, check_observability(des, max_states=max_states), candidates, plan)
+
+
+def design(
+    source: str | Path | HybridSystem,
+    *,
+    rate: float | None = None,
+    dwell: float | None = None,
+    step: float | None = None,
+    method: Literal["place"] = "place",
+    max_states: int = MAX_STATES,
+) -> Design:
+    """Design detector and gains, and certify them for the stated rate (1/s) and dwell time (s).  Stages 7 and 8.
+
+    Arguments override what the model's `observer` section says.  Source: Balluchi et al. (2012), Theorems 6 and 7.
+    Raises `UsageError` (DH0306) for a model without continuous state.
+    """
+    system = to_system(source)
+    if isinstance(system, DES) or system.is_discrete:
+        raise UsageError(diagnostic("DH0306", f"`{system.name}` has no continuous state, so there is no gain to design"))
+    recovery = recover(system, max_states=max_states)
+    draft = Design(system, recovery, step or system.observer.step or system.time_step or 0.0)
+    if not recovery.plan.recoverable:
+        return draft
+    from deshybrid.continuous.gains import design_gains
+
+    try:
+        gains = design_gains(system, recovery.locations_to_estimate, rate=rate, dwell=dwell, method=method)
+    except GainError as error:
+        return replace(draft, problems=error.diagnostics)
+    step = _step_for(system, gains) if step is None else step
+    return _certified(replace(draft, gains=gains, step=step, problems=gains.warnings))
+
+
+def _step_for(system: HybridSystem, gains: "ObserverGains") -> float:
+    """A sampling step of a twentieth of the fastest pole's time constant, where the model names none."""
+    if system.time_step is not None:
+        return system.time_step
+    if system.observer.step is not None:
+        return system.observer.step
+    fastest = max((abs(pole) for poles in gains.eigenvalues.values() for pole in poles), default=1.0)
+    return float(f"{0.05 / max(fastest, 1e-9):.1g}")
+
+
+def _certified(draft: Design) -> Design:
+    """Add detector, certificates and bound to a draft that has gains and a step."""
+    from deshybrid.continuous.dwell import certify_dwell, certify_sampled
+    from deshybrid.continuous.ultimate import ultimate_bound
+    from deshybrid.detector.detector import build_detector
+
+    system, gains, plan = draft.system, draft.gains, draft.recovery.plan
+    if gains is None:
+        return draft
+    detector = build_detector(system, plan, rate=gains.rate, step=draft.step) if plan.signatures else None
+    delay = 0.0 if detector is None else detector.window
+    certificates = (
+        certify_dwell(system, gains),
+        *((certify_dwell(system, gains, delay=delay),) if delay > 0.0 else ()),
+        certify_sampled(system, gains, step=draft.step, delay=delay),
+    )
+    ultimate = ultimate_bound(system, gains, delay=delay)
+    return replace(draft, detector=detector, certificates=certificates, ultimate=ultimate)
+
+
+def compile(  # noqa: A001 - the field's word, and the command's
+    source: Source,
+    *,
+    rate: float | None = None,
+    dwell: float | None = None,
+    step: float | None = None,
+    max_states: int = MAX_STATES,
+) -> Compilation:
+    """Carry a model through all stages to the hybrid observer that runs.  Stage 9.
+
+    A purely discrete model gives an observer of the location alone, one tick a row.
+    Source: Balluchi et al. (2012), sections 3.2 and 4.2.
+    """
+    from deshybrid.observer.hybrid import build_observer
+
+    system = to_system(source)
+    if isinstance(system, DES):
+        raise UsageError(diagnostic("DH0308", "an observer is compiled from a model file or a `HybridSystem`"))
+    if system.is_discrete:
+        made = Design(system, recover(system, max_states=max_states), step or 1.0)
+    else:
+        made = design(system, rate=rate, dwell=dwell, step=step, max_states=max_states)
+    if not made.exists:
+        return Compilation(made, None)
+    return Compilation(made, build_observer(system, made.recovery.plan, made.detector, made.gains, step=made.step))
+
+
+__all__ = ["Compilation", "Design", "Recovery", "check", "compile", "design", "recover", "to_des", "to_system"]
