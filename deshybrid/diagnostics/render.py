@@ -73,8 +73,8 @@ def _underline(label: Label, shift: int, room: int) -> str:
 
 
 def _printable(text: str) -> str:
-    """Control characters of a stranger's file never reach the terminal."""
-    return "".join(char if char.isprintable() else "\N{REPLACEMENT CHARACTER}" for char in text)
+    """Control characters of a stranger's file never reach the terminal; a tab becomes one space, so that carets fit."""
+    return "".join(char if char.isprintable() else "\N{REPLACEMENT CHARACTER}" for char in text.replace("\t", " "))
 
 
 __all__ = ["Span", "render", "render_all"]

@@ -1,6 +1,6 @@
 """Places in a source text: what a message points at."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -9,6 +9,10 @@ class SourceText:
 
     name: str
     text: str
+    _lines: tuple[str, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_lines", tuple(self.text.split("\n")))
 
     def line(self, number: int) -> str:
         """Return line `number`, counted from 1, without its end; empty beyond the text.
@@ -16,8 +20,7 @@ class SourceText:
         >>> SourceText("a.yaml", "x: 1\\ny: 2").line(2)
         'y: 2'
         """
-        lines = self.text.split("\n")
-        return lines[number - 1].rstrip("\r") if 1 <= number <= len(lines) else ""
+        return self._lines[number - 1].rstrip("\r") if 1 <= number <= len(self._lines) else ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,74 @@
+"""How a model file wants to be simulated: signals, requests, sensors.
+
+In: the decoded key `simulation`.  Out: `SimulationOptions`; DH0217 where times do not increase.
+"""
+
+from collections.abc import Mapping
+from itertools import pairwise
+from types import MappingProxyType
+
+from deshybrid.diagnostics import diagnostic
+from deshybrid.model.channels import Channels
+from deshybrid.model.fields import Field, Fields
+from deshybrid.model.problems import Problems
+from deshybrid.model.shapes import Expected, checked
+from deshybrid.model.system import MeasurementModel, SignalModel, SimulationOptions
+
+
+def build_simulation(model: Fields, channels: Channels, problems: Problems) -> SimulationOptions:
+    """Return the options of `simulate`; reports DH0203 and DH0217."""
+    written = model.fields("simulation")
+    expected = Expected("start", "state", "the simulation", channels.state())
+    return SimulationOptions(
+        written.number("duration"),
+        written.text("location") or None,
+        checked(written.get("state"), expected, problems),
+        _requests(written, problems),
+        _signals(written.fields("input"), problems),
+        _signals(written.fields("unmeasured"), problems),
+        _signals(written.fields("disturbance"), problems),
+        MappingProxyType({name: _sensor(field.fields) for name, field in written.fields("measurement")}),
+    )
+
+
+def _requests(written: Fields, problems: Problems) -> tuple[tuple[float, str], ...]:
+    rows = written.items("requests")
+    _check_times(rows, problems, strictly=False)
+    return tuple((row.items[0].number or 0.0, row.items[1].text or "") for row in rows)
+
+
+def _check_times(rows: tuple[Field, ...], problems: Problems, *, strictly: bool) -> None:
+    times = [row.items[0] for row in rows]
+    for before, after in pairwise(times):
+        first, second = before.number or 0.0, after.number or 0.0
+        if second < first or (strictly and second == first):
+            context = ((before.span, f"{first:g} s"),)
+            problems.add(diagnostic("DH0217", "times do not increase", after.span, f"{second:g} s", context=context))
+
+
+def _signals(written: Fields, problems: Problems) -> Mapping[str, SignalModel]:
+    return MappingProxyType({name: _signal(field, problems) for name, field in written})
+
+
+def _signal(field: Field, problems: Problems) -> SignalModel:
+    if field.number is not None:
+        return SignalModel(((0.0, field.number),))
+    keys = field.fields
+    rows = keys.items("points")
+    _check_times(rows, problems, strictly=True)
+    hold, period = keys.get("hold"), keys.number("period")
+    return SignalModel(
+        tuple((row.items[0].number or 0.0, row.items[1].number or 0.0) for row in rows),
+        hold is None or bool(hold.value),
+        keys.number("amplitude") or 0.0,
+        keys.number("frequency") or 0.0,
+        keys.number("random") or 0.0,
+        1.0 if period is None else period,
+    )
+
+
+def _sensor(keys: Fields) -> MeasurementModel:
+    return MeasurementModel(keys.number("quantum") or 0.0, keys.number("delay") or 0.0, keys.number("noise") or 0.0)
+
+
+__all__ = ["build_simulation"]
