@@ -89,7 +89,7 @@ def cost(tables: StepTables, printed: Iterable[Table], real: Real) -> Cost:
 def _state_bytes(n: int, channels: int, generators: int, real: int) -> int:
     """The size of the state structure of `templates/c/header.h.j2`: (size, number) of its members in their order."""
     one = max(generators, 1)
-    members = [(real, max(n, 1) + max(generators * n, 1) + max(channels, 1)), (8, 1), (4, 4 + one), (1, 3 * one + 1)]
+    members = [(real, max(n, 1) + max(generators * n, 1) + max(channels, 1)), (8, 1), (4, 4 + one), (1, 4 * one + 1)]
     end = 0
     for size, number in members:
         end = -(-end // size) * size + size * number

@@ -166,7 +166,7 @@ def c_real(value: float, real: Literal["double", "float"]) -> str:
     if not _is_finite(number) or (number == 0.0 and value != 0.0):
         message = f"the constant {value!r} cannot be written as a `{real}`"
         raise UsageError(diagnostic("DH0813", message, helps=("choose `double`, or other units in the model",)))
-    return repr(float(value)) if real == "double" else f"{np.float32(value)}f"
+    return repr(float(value)) if real == "double" else str(np.float32(value)) + "f"
 
 
 def single(value: float) -> float:

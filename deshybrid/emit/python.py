@@ -20,8 +20,8 @@ _SAMPLES, _SEED, _WIDTH = 400, 1, 112
 def emit_python(tables: StepTables, *, prefix: str, provenance: Provenance) -> dict[str, str]:
     """Return the Python code of an observer: one text under the name `<prefix>.py`.
 
-    The file has a class `Observer` with `step(u, y, event=None)`, and tests itself when it is run.  Write it in UTF-8; every
-    number and every name reads back as it was.  The same arguments give the same bytes.
+    The file has a class `Observer` with `step(u, y, event=None)`, and tests itself when it is run.  Write it in UTF-8;
+    every number and every name reads back as it was.  The same arguments give the same bytes.
 
     Raises UsageError DH0811 where `prefix` is no name of a module.
     """
@@ -72,10 +72,13 @@ def _literal(value: Any, indent: int = 0) -> str:
     short = repr(value)
     if not isinstance(value, dict | tuple) or indent + len(short) <= _WIDTH:
         return short
-    pad, opening, closing = " " * indent, *("{}" if isinstance(value, dict) else "()")
-    entries = value.items() if isinstance(value, dict) else ((None, entry) for entry in value)
-    lines = [f"{pad}    {'' if k is None else f'{k!r}: '}{_literal(entry, indent + 4)},\n" for k, entry in entries]
-    return f"{opening}\n{''.join(lines)}{pad}{closing}"
+    inner, pad = indent + 4, " " * indent
+    if isinstance(value, dict):
+        entries = [f"{key!r}: {_literal(entry, inner)}" for key, entry in value.items()]
+    else:
+        entries = [_literal(entry, inner) for entry in value]
+    opening, closing = ("{", "}") if isinstance(value, dict) else ("(", ")")
+    return "\n".join((opening, *(f"{pad}    {entry}," for entry in entries), pad + closing))
 
 
 def _vector(vector: Vector) -> str:

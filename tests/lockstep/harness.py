@@ -14,7 +14,8 @@ from pathlib import Path
 
 from deshybrid.emit.c import emit_c
 from deshybrid.emit.provenance import Provenance
-from deshybrid.emit.vectors import Vector
+from deshybrid.emit.python import emit_python
+from deshybrid.emit.vectors import Vector, record_vectors
 from deshybrid.observer.tables import StepTables
 
 ORIGIN = Provenance("small", "models/small.yaml", "3f9c" * 16, "0.1.0", ("Certificate: none needed in a test.",))
@@ -68,8 +69,9 @@ int main(int argc, char **argv)
 
 _PYTHON_DRIVER = """\
 import struct, sys
-from {prefix} import Observer, step, TABLES, ENTRY_ESTIMATES, LOCATIONS, start
-inputs, outputs, real = {inputs}, {outputs}, "d"
+sys.path.insert(0, ".")
+from {prefix} import ENTRY_ESTIMATES, LOCATIONS, TABLES, start, step
+inputs, outputs = {inputs}, {outputs}
 size = struct.calcsize("=2i%dd" % (inputs + outputs))
 data = open(sys.argv[1], "rb").read()
 state = start(TABLES)
@@ -98,6 +100,12 @@ def write_c(folder: Path, tables: StepTables, *, prefix: str = "small", real: st
         (folder / name).write_text(text, encoding="ascii")
     driver = _DRIVER.replace("PREFIX", prefix).replace("UPPER", prefix.upper())
     (folder / "driver.c").write_text(driver, encoding="ascii")
+
+
+def write_python(folder: Path, tables: StepTables, *, prefix: str = "small") -> None:
+    """Generate the Python code into `folder`."""
+    for name, text in emit_python(tables, prefix=prefix, provenance=ORIGIN).items():
+        (folder / name).write_text(text, encoding="utf-8")
 
 
 def build(folder: Path, program: str, sources: Sequence[str], standard: str = "c99", flags: Sequence[str] = ()) -> Path:
@@ -140,6 +148,17 @@ def expected_estimates(tables: StepTables, vectors: Sequence[Vector], *, real: s
         + struct.pack(f"={len(v.x)}{letter}", *v.x)
         for v in vectors
     )
+
+
+def assert_lockstep(folder: Path, tables: StepTables, *, count: int, seed: int = 2012) -> None:
+    """Generate, compile and run C and Python in `folder`; fail unless both equal the reference over `count` samples."""
+    vectors = record_vectors(tables, seed=seed, count=count, reset_every=-(-count // 4))
+    expected = expected_estimates(tables, vectors)
+    write_c(folder, tables)
+    write_python(folder, tables)
+    program = build(folder, "driver", ["small.c", "driver.c"], flags=["-O2"])
+    assert run_c(folder, program, vectors) == expected
+    assert run_python(folder, "small", tables, vectors) == expected
 
 
 def _run(command: Sequence[str], folder: Path, samples: bytes) -> bytes:
