@@ -36,6 +36,7 @@ from deshybrid.model.system import HybridSystem
 
 RELEASE = 1.5
 SETTLED_TIME_CONSTANTS = 7.0
+LEAST_LEVEL = 1e-30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,29 +165,20 @@ def _shortest_stay(system: HybridSystem) -> float | None:
     return system.observer.dwell or min(stays, default=None)
 
 
-def _stated_level(system: HybridSystem, generator: ResidualGenerator) -> FloatArray | None:
-    """A threshold may be written for the location's own channels, or for all channels of the model."""
-    level = system.observer.detector.threshold.get(generator.location.name)
-    index = list(generator.location.output_index)
-    if level is None or len(level) == len(index):
-        return level
-    return level[index] if len(level) == len(system.output_names) else level
-
-
 def _require_threshold(system: HybridSystem, generator: ResidualGenerator) -> None:
-    level, count = _stated_level(system, generator), len(generator.location.output_index)
-    if level is not None and (level.shape != (count,) or not (level > 0.0).all()):
-        message = f"the detector threshold of location `{generator.location.name}` is not {count} positive numbers"
-        raise UsageError(diagnostic("DH0604", message, generator.location.span))
-    release = system.observer.detector.release
-    if release is not None and not release >= 1.0:
-        raise UsageError(diagnostic("DH0604", f"the detector's `release` is {release:g}, expected at least 1"))
+    options, location = system.observer.detector, generator.location
+    level, count = options.threshold.get(location.name), len(location.output_index)
+    if level is not None and (level.shape != (count,) or not (level >= LEAST_LEVEL).all()):
+        message = f"the detector threshold of location `{location.name}` is not {count} positive numbers"
+        raise UsageError(diagnostic("DH0604", message, location.span))
+    if options.release is not None and not options.release >= 1.0:
+        raise UsageError(diagnostic("DH0604", f"the detector's `release` is {options.release:g}, expected at least 1"))
 
 
 def _threshold(system: HybridSystem, generator: ResidualGenerator) -> DetectionThreshold:
     count = generator.C.shape[0]
     steady = frozen_array(steady_bound(system, generator), (count,))
-    stated = _stated_level(system, generator)
+    stated = system.observer.detector.threshold.get(generator.location.name)
     missing = [name for name in ("disturbance", "measurement") if getattr(system.bounds, name) is None]
     ideal = f"; the model states no bound for {' and '.join(missing)}, taken as none" if missing else ""
     if stated is None:

@@ -79,8 +79,10 @@ def build_generator(
 ) -> ResidualGenerator:
     """Return the residual generator of `location`, with the poles that the model states or the default ones.
 
-    Raises `UsageError` (DH0602) where the stated poles are not as many as the modes that the outputs show or one is not
-    stable, `GainError` (DH0603) where the location measures nothing.
+    A model states one pole per state component; where the outputs show fewer modes, the first ones are taken.
+
+    Raises `UsageError` (DH0602) where the stated poles are too few or one is not stable, `GainError` (DH0603) where the
+    location measures nothing, (DH0505) where the poles taken are not closed under conjugation.
     """
     from deshybrid.continuous.placement import place_gain
     from deshybrid.linear.observability import kalman_split
@@ -128,9 +130,9 @@ def _poles(system: HybridSystem, location: Location, count: int, default: tuple[
     stated = system.observer.detector.poles.get(location.name)
     if stated is None:
         return default
-    poles = tuple(complex(pole) for pole in stated)
+    poles = tuple(complex(pole) for pole in stated[:count])
     problems = []
-    if len(poles) != count:
+    if len(poles) < count:
         problems.append(f"{len(poles)} detector poles for location `{location.name}`, expected {count}")
     if any(pole.real >= 0 for pole in poles):
         problems.append(f"a detector pole of location `{location.name}` is not in the left half plane")

@@ -1,0 +1,185 @@
+"""Location dynamics, residual generators and resets as the flat, sampled arrays of `StepTables`.
+
+The channels of a location are spread over those of the system: a column or row that a location does not have is zero,
+and a channel that it does not measure has weight zero in its residual.
+
+In: a hybrid system, gains, a detector, a step.  Out: `FlowTables`, `GeneratorTables`, reset arrays.
+Cost: a matrix exponential per location with a gain.  Source: Balluchi et al. (2012), section 4.2, (21) and (22).
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from deshybrid.continuous.gains import ObserverGains
+from deshybrid.detector.detector import TransitionDetector
+from deshybrid.detector.residual import ResidualGenerator, sampled_dynamics
+from deshybrid.diagnostics import Diagnostic, GainError, ModelError, diagnostic, raise_all
+from deshybrid.linear.arrays import FloatArray, frozen_array
+from deshybrid.linear.dynamics import LinearDynamics
+from deshybrid.model.system import AffineReset, HybridSystem, HybridTransition, Location
+from deshybrid.observer.tables import FlowTables, GeneratorTables
+
+
+def fill_flow(system: HybridSystem, gains: ObserverGains | None, step: float) -> FlowTables:
+    """Return x := (A_d - G_d C) x + (B_d - G_d D) u + G_d y + f_d - G_d g for every location with a gain.
+
+    The error of this observer obeys e := (A_d - G_d C) e exactly, as long as input and disturbance are constant between
+    samples.  Raises `GainError` (DH0606) where it grows although the continuous one decays: the step is too long.
+    """
+    n, m, p, count = *_sizes(system), len(system.locations)
+    matrix, input_part = np.zeros((count, n, n)), np.zeros((count, n, m))
+    output_part, offset = np.zeros((count, n, p)), np.zeros((count, n))
+    problems: list[Diagnostic] = []
+    defined = []
+    for i, location in enumerate(system.locations):
+        gain = None if gains is None else gains.gains.get(location.name)
+        defined.append(gain is not None)
+        if gain is None or location.dynamics is None:
+            continue
+        sampled, sampled_gain = _sampled(system, location.dynamics, gain, step)
+        matrix[i] = sampled.A - sampled_gain @ sampled.C
+        problems += _growth(location, matrix[i], step)
+        input_part[i][:, list(location.input_index)] = sampled.B - sampled_gain @ sampled.D
+        output_part[i][:, list(location.output_index)] = sampled_gain
+        offset[i] = sampled.f - sampled_gain @ sampled.g
+    raise_all(problems, GainError)
+    start = np.zeros(n) if system.observer.initial_state is None else system.observer.initial_state
+    return FlowTables(
+        matrix=frozen_array(matrix, (count, n, n)),
+        input=frozen_array(input_part, (count, n, m)),
+        output=frozen_array(output_part, (count, n, p)),
+        offset=frozen_array(offset, (count, n)),
+        start=frozen_array(start, (n,)),
+        defined=tuple(defined),
+    )
+
+
+def _sizes(system: HybridSystem) -> tuple[int, int, int]:
+    return len(system.state_names), len(system.input_names), len(system.output_names)
+
+
+def _sampled(
+    system: HybridSystem, dynamics: LinearDynamics, gain: FloatArray, step: float
+) -> tuple[LinearDynamics, FloatArray]:
+    if system.time_step is not None:
+        return dynamics, gain
+    from deshybrid.linear.sampling import sample_gain
+
+    return sampled_dynamics(system, dynamics, step), sample_gain(dynamics, gain, step)
+
+
+def _growth(location: Location, matrix: FloatArray, step: float) -> Iterator[Diagnostic]:
+    radius = float(np.max(np.abs(np.linalg.eigvals(matrix)), initial=0.0))
+    if radius >= 1.0:
+        message = f"with a step of {step:g} s the sampled observer of location `{location.name}` does not contract"
+        fact = f"its error grows by a factor of {radius:.4g} a step"
+        yield diagnostic(
+            "DH0606", message, location.span, notes=(fact,), helps=("take a shorter step or smaller gains",)
+        )
+
+
+def fill_generators(system: HybridSystem, detector: TransitionDetector | None) -> GeneratorTables:
+    """Return the residual generators of a detector in coordinates of the full state, (G, n, ...)."""
+    generators = () if detector is None else detector.generators
+    thresholds = () if detector is None else detector.thresholds
+    parts = [_spread(system, g, t.level) for g, t in zip(generators, thresholds, strict=True)]
+    count, (n, m, p) = len(parts), _sizes(system)
+    names = [location.name for location in system.locations]
+
+    def stack(name: str, *shape: int) -> FloatArray:
+        return frozen_array(np.array([part[name] for part in parts]).reshape((count, *shape)), (count, *shape))
+
+    return GeneratorTables(
+        locations=tuple(names.index(generator.location.name) for generator in generators),
+        matrix=stack("matrix", n, n),
+        input=stack("input", n, m),
+        output=stack("output", n, p),
+        offset=stack("offset", n),
+        start=stack("start", n, p),
+        start_offset=stack("start_offset", n),
+        residual_state=stack("residual_state", p, n),
+        residual_input=stack("residual_input", p, m),
+        residual_offset=stack("residual_offset", p),
+        weight=stack("weight", p),
+        release=frozen_array(np.full(count, detector.release if detector else 1.0), (count,)),
+        on_ticks=detector.on_ticks if detector else (),
+        off_ticks=detector.off_ticks if detector else (),
+    )
+
+
+def _spread(system: HybridSystem, generator: ResidualGenerator, level: FloatArray) -> dict[str, FloatArray]:
+    """One generator with the channels of the system, by the names of `GeneratorTables`."""
+    n, m, p = _sizes(system)
+    columns, rows = list(generator.location.input_index), list(generator.location.output_index)
+    embedding, dynamics = generator.embedding, generator.dynamics
+    spread = {
+        "matrix": embedding @ generator.F @ generator.projection,
+        "input": np.zeros((n, m)),
+        "output": np.zeros((n, p)),
+        "offset": embedding @ generator.offset,
+        "start": np.zeros((n, p)),
+        "start_offset": embedding @ generator.start_offset,
+        "residual_state": np.zeros((p, n)),
+        "residual_input": np.zeros((p, m)),
+        "residual_offset": np.zeros(p),
+        "weight": np.zeros(p),
+    }
+    spread["input"][:, columns] = embedding @ generator.input
+    spread["output"][:, rows] = embedding @ generator.gain
+    spread["start"][:, rows] = embedding @ generator.start
+    spread["residual_state"][rows] = dynamics.C
+    spread["residual_input"][np.ix_(rows, columns)] = dynamics.D
+    spread["residual_offset"][rows] = dynamics.g
+    spread["weight"][rows] = 1.0 / level
+    return spread
+
+
+def fill_resets(
+    system: HybridSystem, persistent: tuple[str, ...]
+) -> tuple[tuple[tuple[int, ...], ...], FloatArray, FloatArray]:
+    """Return `reset_index` (L, L), `reset_matrix` (K, n, n) and `reset_offset` (K, n) for the transitions i -> j.
+
+    A reset that changes nothing has index -1.  Raises `ModelError` (DH0605) where two transitions from the same
+    persistent location to the same target have different resets: the observer knows locations, not transitions.
+    """
+    n, count = len(system.state_names), len(system.locations)
+    place = {location.name: number for number, location in enumerate(system.locations)}
+    first: dict[tuple[int, int], HybridTransition] = {}
+    problems = []
+    for transition in system.transitions:
+        known = first.setdefault((place[transition.source], place[transition.target]), transition)
+        if transition.source in persistent and not _same(known.reset, transition.reset):
+            problems.append(_two_resets(known, transition))
+    raise_all(problems, ModelError)
+    index = [[-1] * count for _ in range(count)]
+    resets: list[AffineReset] = []
+    for (source, target), transition in first.items():
+        reset = transition.reset
+        if reset is not None and not _same(reset, AffineReset(np.eye(n), np.zeros(n))):
+            index[source][target] = len(resets)
+            resets.append(reset)
+    matrices = np.array([reset.matrix for reset in resets]).reshape((len(resets), n, n))
+    offsets = np.array([reset.offset for reset in resets]).reshape((len(resets), n))
+    return tuple(map(tuple, index)), frozen_array(matrices, matrices.shape), frozen_array(offsets, offsets.shape)
+
+
+def _same(first: AffineReset | None, second: AffineReset | None) -> bool:
+    if first is None or second is None:
+        return first is second
+    return np.array_equal(first.matrix, second.matrix) and np.array_equal(first.offset, second.offset)
+
+
+def _two_resets(first: HybridTransition, second: HybridTransition) -> Diagnostic:
+    return diagnostic(
+        "DH0605",
+        f"two transitions from `{first.source}` to `{first.target}` have different resets",
+        second.span,
+        "this reset",
+        context=((first.span, "differs from this one"),),
+        notes=("the observer resets its estimate by the pair of locations, whichever of the transitions was taken",),
+        helps=("give both the same reset, or split the target location in two",),
+    )
+
+
+__all__ = ["fill_flow", "fill_generators", "fill_resets"]

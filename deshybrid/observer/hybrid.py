@@ -1,0 +1,182 @@
+"""The hybrid observer H_O: location observer, transition detector and switching Luenberger observer in one pure step.
+
+In: a hybrid system, its `SignaturePlan`, the detector, the gains, a step.  Out: a `HybridObserver`: the constants of a
+step as `StepTables`, and the values they were made from.  `start` and `step` run the reference step (`reference`),
+which the generated C and Python equal bit for bit; they take a state and return another, and raise on no sample.
+
+Source: Balluchi et al. (2012), section 4.2, Figure 10.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+from deshybrid.continuous.dwell import DwellTimeCertificate
+from deshybrid.continuous.gains import ObserverGains
+from deshybrid.des.signatures import SignaturePlan
+from deshybrid.detector.detector import TransitionDetector
+from deshybrid.diagnostics import UsageError, diagnostic
+from deshybrid.model.system import HybridSystem
+from deshybrid.observer import reference
+from deshybrid.observer.filling import fill_flow, fill_generators, fill_resets
+from deshybrid.observer.tables import STATUS_NAMES, StepTables, plain_tables
+from deshybrid.observer.tracker import build_tracker, outputs_of
+
+ObserverState: TypeAlias = reference.State
+UNKNOWN_EVENT = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What the observer says after one sample.
+
+    `location`: the current location, None while it is not known for certain; `identified`: whether it is known;
+    `entry_estimate`: the locations that may have been entered when the last output was seen; `signature`: the one that
+    fired at this sample; `status`: one of `STATUS_NAMES`; `state`: the estimate x̂ (n numbers).
+    """
+
+    location: str | None
+    entry_estimate: tuple[str, ...]
+    identified: bool
+    signature: str | None
+    status: str
+    state: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class HybridObserver:
+    """H_O: a step over `tables`, and the values that the tables were made from."""
+
+    system: HybridSystem
+    plan: SignaturePlan
+    detector: TransitionDetector | None
+    gains: ObserverGains | None
+    tables: StepTables
+    certificates: tuple[DwellTimeCertificate, ...] = ()
+    _plain: dict[str, Any] = field(init=False, repr=False)
+    _codes: dict[str, int] = field(init=False, repr=False)
+    _shown: dict[str, str] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_plain", plain_tables(self.tables))
+        object.__setattr__(self, "_codes", {name: code + 1 for code, name in enumerate(self.tables.event_names)})
+        object.__setattr__(self, "_shown", _signatures_in_events(self.plan) if self.system.is_discrete else {})
+
+    @property
+    def step_seconds(self) -> float:
+        """The time between two samples."""
+        return self.tables.step
+
+    def start(self) -> ObserverState:
+        """Return the state before the first sample."""
+        return reference.start(self._plain)
+
+    def step(
+        self, state: ObserverState, input: Sequence[float], output: Sequence[float], event: str | None
+    ) -> tuple[ObserverState, Estimate]:
+        """Take one sample: m inputs, p outputs, and the discrete output seen since the previous sample, if any.
+
+        Nothing in a sample raises: numbers that are not finite give the status `invalid`, events that nothing explains
+        (or that the model does not know) give `inconsistent` and a restart.  Raises `UsageError` (DH0607) where the
+        number of inputs or outputs is wrong.
+        """
+        self._require_widths(input, output)
+        code = 0 if not event else self._codes.get(event, UNKNOWN_EVENT)
+        sample = tuple(float(value) for value in input), tuple(float(value) for value in output)
+        after, (location, tracker, signature, status, x) = reference.step(self._plain, state, *sample, code)
+        tables = self.tables
+        estimate = Estimate(
+            location=tables.location_names[location] if location >= 0 else None,
+            entry_estimate=tuple(tables.location_names[i] for i in tables.tracker[tracker].entry_estimate),
+            identified=location >= 0,
+            signature=self._signature(signature, event),
+            status=STATUS_NAMES[status],
+            state=x,
+        )
+        return after, estimate
+
+    def _signature(self, number: int, event: str | None) -> str | None:
+        if number >= 0:
+            return self.tables.signature_names[number]
+        return self._shown.get(event) if event else None
+
+    def _require_widths(self, input: Sequence[float], output: Sequence[float]) -> None:
+        wanted = len(self.tables.input_names), len(self.tables.output_names)
+        if (len(input), len(output)) != wanted:
+            message = (
+                f"a sample has {len(input)} inputs and {len(output)} outputs, expected {wanted[0]} and {wanted[1]}"
+            )
+            raise UsageError(diagnostic("DH0607", message))
+
+    def __repr__(self) -> str:
+        return (
+            f"<HybridObserver of {self.system.name}: {len(self.tables.tracker)} tracker states, "
+            f"{len(self.tables.generators.locations)} residual generators, step {self.tables.step:g} s>"
+        )
+
+
+def build_observer(
+    system: HybridSystem,
+    plan: SignaturePlan,
+    detector: TransitionDetector | None,
+    gains: ObserverGains | None,
+    *,
+    step: float,
+    certificates: tuple[DwellTimeCertificate, ...] = (),
+    max_states: int = 100_000,
+) -> HybridObserver:
+    """Return the hybrid observer of a plan that makes the location observable; step in seconds.
+
+    A purely discrete model needs neither detector nor gains: its signatures come as events, and a sample is a row.
+    Where a location has no gain, its continuous estimate is held.
+
+    Raises `UsageError` (DH0608) where the plan recovers nothing or a detector is missing, `ModelError` (DH0605) for two
+    resets between the same locations, `GainError` (DH0606) where the step is too long for a gain, `LimitReached`.
+    """
+    _require_plan(system, plan, detector)
+    delays = {} if detector is None else detector.delays
+    certain = frozenset(name for name, d in delays.items() if d.seconds is not None and not d.condition)
+    tracker = build_tracker(plan, signatures_are_events=system.is_discrete, guaranteed=certain, max_states=max_states)
+    reset_index, reset_matrix, reset_offset = fill_resets(system, plan.report.persistent)
+    tables = StepTables(
+        name=system.name,
+        step=step,
+        location_names=tuple(location.name for location in system.locations),
+        state_names=system.state_names,
+        input_names=system.input_names,
+        output_names=system.output_names,
+        event_names=tracker.event_names,
+        signature_names=tracker.signature_names,
+        flow=fill_flow(system, gains, step),
+        generators=fill_generators(system, detector),
+        tracker=tracker.states,
+        initial=tracker.initial,
+        restart=tracker.restart,
+        restart_on_event=tracker.restart_on_event,
+        window_ticks=1 if detector is None else detector.window_ticks,
+        reset_index=reset_index,
+        reset_matrix=reset_matrix,
+        reset_offset=reset_offset,
+    )
+    return HybridObserver(system, plan, detector, gains, tables, certificates)
+
+
+def _signatures_in_events(plan: SignaturePlan) -> dict[str, str]:
+    """In a purely discrete model a signature comes as an event: alone, or as the pair `γ,s`."""
+    names = {signature.name: signature.name for signature in plan.signatures}
+    for transition in plan.complementary.transitions if plan.complementary else ():
+        pairs = (seen for seen in transition.seen if seen is not None and seen.signature is not None)
+        names |= {str(pair): str(pair.signature) for pair in pairs}
+    return {event: name for event, name in names.items() if event not in outputs_of(plan.des)}
+
+
+def _require_plan(system: HybridSystem, plan: SignaturePlan, detector: TransitionDetector | None) -> None:
+    if not plan.recoverable:
+        fact = "no set of signatures makes the current location observable, so there is no location observer to run"
+        raise UsageError(diagnostic("DH0608", f"`{system.name}` has no hybrid observer", notes=(fact,)))
+    if plan.signatures and detector is None and not system.is_discrete:
+        names = ", ".join(f"`{signature.name}`" for signature in plan.signatures)
+        raise UsageError(diagnostic("DH0608", f"the plan of `{system.name}` needs a detector for {names}"))
+
+
+__all__ = ["Estimate", "HybridObserver", "ObserverState", "build_observer"]
