@@ -22,7 +22,7 @@ from deshybrid.emit.identifiers import (
     markdown_code,
     unique_identifiers,
 )
-from deshybrid.emit.provenance import Provenance, banner
+from deshybrid.emit.provenance import Provenance, banner, certificate_lines
 from deshybrid.emit.vectors import Vector, record_vectors
 from deshybrid.observer import reference
 from deshybrid.observer.tables import STATUS_NAMES, StepTables
@@ -174,7 +174,7 @@ def _facts(tables: StepTables, origin: Provenance, real: Real, price: Cost) -> l
         f"{len(tables.event_names)} events, {len(tables.signature_names)} signatures, "
         f"{len(tables.generators.locations)} residual generators.",
         f"Continuous observer: n = {n}, m = {m}, p = {p}, step {tables.step!r} s, {real}.  No heap.",
-        *(origin.certificate or ("No certificate holds for the continuous observer.",)),
+        *certificate_lines(origin, n),
         f"One step: at most {price.multiplications} multiplications and {price.additions} additions.",
         f"Memory: {price.state_bytes} bytes of state, {price.table_bytes} bytes of tables, {text} bytes of names.",
         *origin.notes,

@@ -32,6 +32,7 @@ _TAKEN_FILE_NAMES = """
     assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg stdbool stddef stdint
     stdio stdlib string tgmath time wchar wctype stdalign stdatomic stdnoreturn threads uchar
     con prn aux nul com1 com2 com3 com4 com5 com6 com7 com8 com9 lpt1 lpt2 lpt3 lpt4 lpt5 lpt6 lpt7 lpt8 lpt9
+    all clean help install package test
 """
 
 
@@ -39,8 +40,8 @@ def check_prefix(prefix: str) -> None:
     """Raise UsageError DH0811 unless `prefix` can begin every generated name and every generated file's name.
 
     It must be an identifier of C, C++ and Python without a leading or double underscore, no keyword, no name of a
-    standard header, standard Python module or device, and at most 40 characters long, so that every name built from
-    it stays within the 63 characters that C tells apart.
+    standard header, standard Python module, device or build target, and at most 40 characters long, so that every name
+    built from it stays within the 63 characters that C tells apart.
 
     >>> check_prefix("gearbox")
     """
@@ -58,7 +59,7 @@ def _prefix_problem(prefix: str) -> str:
     if prefix in _C_KEYWORDS.split() or keyword.iskeyword(prefix):
         return "is a keyword of C, C++ or Python"
     if prefix.lower() in _TAKEN_FILE_NAMES.split() or prefix in sys.stdlib_module_names:
-        return "is the name of a standard header, a standard Python module or a device"
+        return "is the name of a standard header, a standard Python module, a device or a build target"
     if len(prefix) > LONGEST_PREFIX:
         return f"has {len(prefix)} characters, at most {LONGEST_PREFIX} are possible"
     return ""

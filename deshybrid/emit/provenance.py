@@ -28,6 +28,16 @@ class Provenance:
     notes: tuple[str, ...] = ()
 
 
+def certificate_lines(origin: Provenance, states: int) -> tuple[str, ...]:
+    """Return what is proven of the continuous observer; without one (no `states`) there is nothing to prove.
+
+    >>> certificate_lines(Provenance("gearbox", "gearbox.yaml", "3f9c", "0.1.0"), 3)
+    ('No certificate holds for the continuous observer.',)
+    """
+    none = ("No certificate holds for the continuous observer.",) if states > 0 else ()
+    return origin.certificate or none
+
+
 def banner(origin: Provenance, facts: Iterable[str]) -> list[str]:
     """Return the lines of a generated file's header, in ASCII and of readable width, without comment marks.
 

@@ -10,7 +10,7 @@ from importlib import resources
 from typing import Any
 
 from deshybrid.emit.identifiers import check_prefix
-from deshybrid.emit.provenance import Provenance, banner
+from deshybrid.emit.provenance import Provenance, banner, certificate_lines
 from deshybrid.emit.vectors import Vector, record_vectors
 from deshybrid.observer.tables import STATUS_NAMES, StepTables, plain_tables
 
@@ -62,7 +62,7 @@ def _facts(tables: StepTables, origin: Provenance) -> list[str]:
     return [
         f"Location observer: {len(tables.tracker)} states.  Continuous observer: n = {n}, m = {m}, p = {p}, "
         f"step {tables.step!r} s.",
-        *(origin.certificate or ("No certificate holds for the continuous observer.",)),
+        *certificate_lines(origin, n),
         *origin.notes,
     ]
 

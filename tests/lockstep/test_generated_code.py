@@ -232,6 +232,11 @@ def test_generated_python_runs_its_self_test_without_any_package(tables, tmp_pat
     assert done.stdout == "small: ok, 400 samples equal the reference bit for bit\n"
 
 
+@pytest.mark.parametrize("name", ["small.h", "small.c", "Makefile", "CMakeLists.txt", "README.md"])
+def test_generated_c_is_the_text_that_was_read_and_agreed(name, golden):
+    golden(f"c/{name}", emit_c(small_tables(), prefix="small", provenance=harness.ORIGIN)[name])
+
+
 _DIGEST = """\
 import hashlib, sys
 sys.path[:0] = [{folder!r}]
