@@ -65,6 +65,16 @@ def _prefix_problem(prefix: str) -> str:
     return ""
 
 
+def identifier(name: str) -> str:
+    """Return a usable prefix made from a model's name: what `check_prefix` accepts, as near to the name as possible.
+
+    >>> identifier("two tanks"), identifier("class"), identifier("2nd")
+    ('two_tanks', 'observer_class', 'observer_2nd')
+    """
+    plain = unique_identifiers([name])[0]
+    return f"observer_{plain}"[:LONGEST_PREFIX].rstrip("_") if _prefix_problem(plain) else plain
+
+
 def check_names(kind: str, names: Sequence[str]) -> None:
     """Raise UsageError DH0812 for every name that a C string cannot hold: with a NUL, or above 255 bytes in UTF-8.
 

@@ -10,7 +10,15 @@ from hypothesis import strategies as st
 
 from deshybrid.diagnostics import UsageError, catalogue
 from deshybrid.emit.c import emit_c
-from deshybrid.emit.identifiers import c_comment, c_real, c_string, check_names, check_prefix, unique_identifiers
+from deshybrid.emit.identifiers import (
+    c_comment,
+    c_real,
+    c_string,
+    check_names,
+    check_prefix,
+    identifier,
+    unique_identifiers,
+)
 from deshybrid.emit.provenance import Provenance, banner
 from deshybrid.observer.tables import FlowTables, GeneratorTables, StepTables, TrackerState
 
@@ -53,6 +61,11 @@ def test_anything_else_is_refused_as_a_prefix(prefix):
     with pytest.raises(UsageError) as caught:
         check_prefix(prefix)
     assert code_of(caught.value) == ["DH0811"]
+
+
+@given(st.text() | st.sampled_from(["class", "math", "test", "2", "", "_", "A" * 41, "x" * 39 + " y"]))
+def test_a_usable_prefix_can_be_made_from_any_name(name):
+    check_prefix(identifier(name))
 
 
 def test_a_name_that_no_c_string_holds_is_refused_and_all_of_them_are_reported():
