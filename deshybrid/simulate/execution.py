@@ -103,11 +103,10 @@ def simulate(
 
 def build_drive(system: HybridSystem, *, seed: int, duration: float, step: float, substeps: int) -> Drive:
     """Return the grid and the signals on it; all times in s.  Raises `UsageError` DH0704 beyond MAX_TICKS sub-steps."""
-    rows = math.floor(duration / step + 1e-9) + 1
-    if rows * substeps > MAX_TICKS:
+    if not duration / step * substeps < MAX_TICKS:
         text = f"{duration:g} s in sub-steps of {step / substeps:g} s are more than {MAX_TICKS} sub-steps"
         raise UsageError(diagnostic("DH0704", text, helps=("shorten the run or choose a longer step",)))
-    ticks = np.arange((rows - 1) * substeps + 1)
+    ticks = np.arange(math.floor(duration / step + 1e-9) * substeps + 1)
     time = (ticks // substeps) * step + (ticks % substeps) * (step / substeps)
     wishes, bounds = system.simulation, system.bounds
     period = max(1, round(1.0 / step)) * step  # changes of unmentioned signals fall on rows
@@ -161,8 +160,7 @@ def _substeps(system: HybridSystem, step: float) -> int:
     for location in system.locations:
         if location.dynamics is not None and location.dynamics.A.size:
             rates.append(float(np.abs(np.linalg.eigvals(location.dynamics.A).imag).max()) / (2.0 * math.pi))
-    needed = math.ceil(_PER_PERIOD * max(rates, default=0.0) * step)
-    return min(max(_SUBSTEPS, needed), _MOST_SUBSTEPS)
+    return max(_SUBSTEPS, math.ceil(min(_PER_PERIOD * max(rates, default=0.0) * step, _MOST_SUBSTEPS)))
 
 
 def _trace(plant: Plant, seed: int) -> Trace:

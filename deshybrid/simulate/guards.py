@@ -7,7 +7,7 @@ is constant on it; from them follows the first time at which a predicate holds, 
 Each comparison is a function v(t) whose value and slope are known at both ends of the stretch.  A change of sign is a
 root; a slope that turns towards zero and back is searched for its extremum first, so that a pair of roots (grazing) is
 found too.  What is missed: more than one extremum within one sub-step, which the choice of sub-steps rules out for
-oscillations of the model's own (16 sub-steps a period).  Roots are found to 1e-9 of a sub-step.
+oscillations of the model's own (16 sub-steps a period).  Roots are found to rounding.
 
 Two products of a matrix and a vector for each stretch, and some 10 matrix exponentials for each root.
 """
@@ -22,7 +22,7 @@ from deshybrid.model.predicates import Affine, And, Not, Predicate
 from deshybrid.simulate.flow import Flow
 
 RESOLUTION = 1e-6  # of a sub-step: instants closer than this are one instant
-_ROOT = 1e-9  # of a sub-step: to which a root is found
+_ROOT = 1e-14  # of a sub-step: to which a root is found, so that its comparison is zero up to rounding there
 _ZERO = 1e-12  # relative: in discrete time, a comparison closer to zero than this is zero
 
 Values = Mapping[Affine, float]

@@ -27,7 +27,9 @@ from deshybrid.simulate.guards import RESOLUTION, Piece, Watch, build_watch, fir
 from deshybrid.simulate.signals import START, stream
 
 _SHRINKING = 10  # so many stays in a row, each shorter than the one before, are taken for Zeno behaviour
+_SHRINKING_CROWDED = 5  # as many suffice where two outputs fall into one step at last
 _MOST_PER_STEP = 100  # transitions within one sampling step
+_LARGEST = 1e30  # a state beyond it counts as grown beyond all numbers, as in the observer's step
 _TRIES = 1000  # draws of an initial state within the invariant
 
 
@@ -90,7 +92,8 @@ class Plant:
     def __init__(self, system: HybridSystem, drive: Drive, seed: int) -> None:
         self.system, self.drive = system, drive
         self.agenda = Agenda(system, seed)
-        self.modes = build_modes(system, drive.tick)
+        with np.errstate(over="ignore", invalid="ignore"):
+            self.modes = build_modes(system, drive.tick)
         self.states = np.zeros((len(drive.time), len(system.state_names)))
         self.places = np.zeros(len(drive.time), dtype=np.int64)
         self.sampled = 0
@@ -147,6 +150,8 @@ class Plant:
             last = tick == len(self.drive.time) - 1
             decision = Decision(self.drive.tick) if last else self._decide(tick, offset)
             if decision.stop is not None:
+                if not sampled and decision.until <= self._close:
+                    self._sample(tick)
                 return decision.stop
             if not sampled and not (decision.due and decision.until <= self._close):
                 self._sample(tick)
@@ -173,12 +178,12 @@ class Plant:
         self.sampled = tick + 1
 
     def _advance(self, tick: int, duration: float) -> bool:
-        """Move the state; False where it is no longer a number."""
+        """Move the state; False where it grew beyond all numbers."""
         if duration >= self.drive.tick:
             self.x = self.mode.flow.whole @ self._point(tick)
         elif duration > 0.0:
             self.x = self.mode.flow.after(self._point(tick), duration)
-        return bool(np.isfinite(self.x).all())
+        return bool((np.abs(self.x) < _LARGEST).all())
 
     def _decide(self, tick: int, offset: float) -> Decision:
         """What happens first between `offset` and the next tick."""
@@ -186,6 +191,8 @@ class Plant:
         end = self._stretch_end(tick, offset)
         if self.system.time_step is not None and self.switches and self.switches[-1].time == now:
             return Decision(end)  # discrete time: one transition a step
+        if end - offset <= self._close:
+            return Decision(end)  # too short to tell a sign from rounding; the next stretch decides
         ready = self._ready(now)
         overdue = now >= self.entered + (mode.location.dwell.max or np.inf) - self._close
         invariant = mode.location.invariant
@@ -270,21 +277,24 @@ class Plant:
         row = -(-tick // self.drive.substeps)
         if self.seen and self.seen[-1][0] == row:
             message = f"the outputs `{self.seen[-1][1]}` and `{output}` fall into one step of {self.drive.step:g} s"
-            return Stop("crowded", now, message, taken.span)
+            return self._shrinking(_SHRINKING_CROWDED, taken) or Stop("crowded", now, message, taken.span)
         self.seen.append((row, output))
         return None
 
     def _zeno(self, now: float, taken: HybridTransition) -> Stop | None:
         """Stays that shrink below the sampling step, or too many transitions within one."""
-        times = [switch.time for switch in self.switches[-_SHRINKING - 1 :]]
-        stays = np.diff(times)
         step = self.drive.step
-        if len(stays) == _SHRINKING and (np.diff(stays) < -self._close).all() and stays[-1] < step:
-            ratio = float(stays[-1] / stays[-2])
-            accumulation = now + float(stays[-1]) * ratio / (1.0 - ratio)
-            message = f"Zeno behaviour, the stays shrink by {ratio:.3g} and accumulate at about {accumulation:.6g} s"
-            return Stop("zeno", now, message, taken.span)
         if len(self.switches) > _MOST_PER_STEP and now - self.switches[-_MOST_PER_STEP - 1].time <= step:
             message = f"Zeno behaviour, more than {_MOST_PER_STEP} transitions within {step:g} s"
             return Stop("zeno", now, message, taken.span)
-        return None
+        return self._shrinking(_SHRINKING, taken)
+
+    def _shrinking(self, count: int, taken: HybridTransition) -> Stop | None:
+        """So many stays in a row, each shorter than the one before, the last shorter than the sampling step."""
+        stays = np.diff([switch.time for switch in self.switches[-count - 1 :]])
+        if len(stays) < count or stays[-1] >= self.drive.step or not (np.diff(stays) < -self._close).all():
+            return None
+        ratio, now = float(stays[-1] / stays[-2]), self.switches[-1].time
+        accumulation = now + float(stays[-1]) * ratio / (1.0 - ratio)
+        message = f"Zeno behaviour, the stays shrink by {ratio:.3g} and accumulate at about {accumulation:.6g} s"
+        return Stop("zeno", now, message, taken.span)

@@ -13,6 +13,8 @@ from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.system import HybridSystem, MeasurementModel
 from deshybrid.simulate.signals import NOISE, stream
 
+_FINEST = 2.0**53
+
 
 def measure(system: HybridSystem, outputs: FloatArray, *, substeps: int, tick: float, seed: int) -> FloatArray:
     """Return what the sensors report at every `substeps`-th row of `outputs` (N, p), whose rows are `tick` s apart."""
@@ -39,8 +41,11 @@ def read_sensor(
     >>> read_sensor(sensor, ramp, np.array([0, 2, 4]), 0.1, np.random.default_rng(0)).tolist()
     [0.0, 0.0, 0.5]
     """
-    late = np.maximum(rows - round(sensor.delay / tick), 0)
-    readings = values[late] + sensor.noise * generator.standard_normal(len(rows))
+    lag = round(min(sensor.delay / tick, len(values)))
+    readings = values[np.maximum(rows - lag, 0)] + sensor.noise * generator.standard_normal(len(rows))
     if sensor.quantum > 0.0:
-        readings = np.round(readings / sensor.quantum) * sensor.quantum + 0.0
+        with np.errstate(over="ignore"):
+            counts = readings / sensor.quantum
+        coarse = ~(np.abs(counts) > _FINEST)  # a finer quantum than the number's own changes nothing
+        readings[coarse] = np.round(counts[coarse]) * sensor.quantum + 0.0
     return np.asarray(readings, dtype=np.float64)

@@ -47,9 +47,9 @@ def sample_signal(signal: SignalModel, time: FloatArray, generator: np.random.Ge
     if signal.amplitude:
         values += signal.amplitude * np.sin(2.0 * np.pi * signal.frequency * time)
     if signal.random and len(time):
-        index = np.floor(time / signal.period + _SLACK).astype(np.int64)
-        draws = generator.uniform(-signal.random, signal.random, int(index[-1]) + 1)
-        values += draws[index]
+        period = np.floor(time / max(signal.period, _SLACK) + _SLACK)
+        index = np.cumsum(np.diff(period, prepend=period[0]) != 0.0)
+        values += generator.uniform(-signal.random, signal.random, int(index[-1]) + 1)[index]
     return values
 
 
