@@ -252,4 +252,4 @@ def _eigen(F: FloatArray, scale: FloatArray) -> tuple[ComplexArray, ComplexArray
     return values[order].astype(np.complex128), scale[:, None] * vectors, condition(vectors)
 
 
-__all__ = ["GainSource", "Method", "ObserverGains", "design_gains", "stated_dwell"]
+__all__ = ["GainSource", "Method", "ObserverGains", "design_gains", "place_gain", "stated_dwell"]

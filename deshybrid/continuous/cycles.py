@@ -1,0 +1,180 @@
+"""How far a dwell-time certificate is from the truth: the worst switching cycle.
+
+In: error dynamics, rate μ, a longest dwell time to look at.  Out: the largest dwell time T found at which some cycle
+of locations, each stay at least T, does *not* contract at rate μ (the spectral radius of the product of R¹_ij e^{(F_i
++ μ) t} is at least 1), with that cycle.  No dwell time up to it can be certified by any method; between it and the
+required dwell time of a certificate lies what is undecided.  It is a lower limit, found by search, not the exact
+border.
+
+The search: all closed walks of up to 4 locations (at most 2,000, shorter ones first), all stays equal to T on a grid
+of 48 values from the longest downwards, then bisection; for the 8 worst walks also stays of T plus up to three
+quarters of the location's own oscillation period.  What is reported was confirmed by the matrix exponential.
+
+Source: error dynamics of Balluchi et al. (2012), (18)-(19); a periodic switching law that grows refutes every
+certificate.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from math import exp, inf, isfinite, pi
+
+import numpy as np
+
+from deshybrid.continuous.checks import require_positive
+from deshybrid.continuous.error import ErrorDynamics, ErrorReset, error_dynamics
+from deshybrid.continuous.gains import ObserverGains
+from deshybrid.continuous.modes import decay_rate
+from deshybrid.continuous.search import to_plane_s
+from deshybrid.linear.arrays import FloatArray
+from deshybrid.linear.observability import sorted_spectrum
+from deshybrid.model.system import HybridSystem
+
+LONGEST_WALK = 4
+MOST_WALKS = 2_000
+REFINED_WALKS = 8
+GRID = 48
+BISECTIONS = 40
+
+
+@dataclass(frozen=True, slots=True)
+class WitnessCycle:
+    """A cycle that does not contract: stay `stays[k]` seconds in `locations[k]`, then jump to the next, and again.
+
+    `growth` is the spectral radius of the error's map over one round, times e^{μ · duration}: at least 1.
+    """
+
+    locations: tuple[str, ...]
+    stays: tuple[float, ...]
+    growth: float
+
+
+@dataclass(frozen=True, slots=True)
+class DwellLowerLimit:
+    """No dwell time up to `value` (s) gives the rate; 0 with no cycle where every cycle looked at contracts."""
+
+    value: float
+    cycle: WitnessCycle | None
+
+
+def dwell_lower_limit(
+    system: HybridSystem, gains: ObserverGains, *, rate: float | None = None, longest: float | None = None
+) -> DwellLowerLimit:
+    """Return the largest dwell time at which a cycle was found that does not contract at `rate` (default `gains.rate`).
+
+    `longest` (s): where the search starts, for example the required dwell time of a certificate; default: twenty times
+    the slowest time constant of the closed loops.  In discrete time stays are whole steps.
+    """
+    rate = gains.rate if rate is None else rate
+    require_positive("rate", rate)
+    dynamics = error_dynamics(system, gains.gains)
+    shifted = _Shifted(dynamics, rate)
+    top = longest if longest is not None and isfinite(longest) and longest > 0 else shifted.slowest()
+    walks = [walk for walk, _ in zip(_closed_walks(dynamics), range(MOST_WALKS), strict=False)]
+    grid = np.geomspace(top, top * 1e-3, GRID)
+    coarse = [_first_growing(shifted, walk, (0.0,) * len(walk), grid) for walk in walks]
+    ranked = sorted(range(len(walks)), key=lambda k: coarse[k])
+    best = DwellLowerLimit(0.0, None)
+    for k in ranked[:REFINED_WALKS]:
+        for extra in _extras(shifted, walks[k]):
+            found = _first_growing(shifted, walks[k], extra, grid)
+            if found < GRID and grid[max(found - 1, 0)] > best.value:
+                best = max(best, _refined(shifted, walks[k], extra, grid, found), key=lambda limit: limit.value)
+    return best
+
+
+class _Shifted:
+    """The error dynamics times e^{μ t}: growth at least 1 means slower than μ."""
+
+    def __init__(self, dynamics: ErrorDynamics, rate: float) -> None:
+        self.dynamics, self.rate = dynamics, rate
+        self._flows: dict[tuple[str, float], FloatArray] = {}
+
+    def stay(self, duration: float) -> float:
+        """The stay as time allows it: whole steps, at least one."""
+        step = self.dynamics.step
+        return duration if step is None else max(1, round(duration / step)) * step
+
+    def flow(self, name: str, duration: float) -> FloatArray:
+        """e^{(F + μ) t}, remembered: the same stays come up in many walks."""
+        from scipy.linalg import expm
+
+        key = name, duration
+        if key not in self._flows:
+            F, step = self.dynamics.matrices[name], self.dynamics.step
+            if step is None:
+                flow = expm((F + self.rate * np.eye(len(F))) * duration)
+            else:
+                flow = np.linalg.matrix_power(F, round(duration / step)) * exp(self.rate * duration)
+            self._flows[key] = np.asarray(flow)
+        return self._flows[key]
+
+    def growth(self, walk: Sequence[ErrorReset], stays: Sequence[float]) -> float:
+        """Spectral radius of the product of reset and flow over one round."""
+        n = len(walk[0].matrix)
+        whole = np.eye(n)
+        for reset, stay in zip(walk, stays, strict=True):
+            whole = reset.matrix @ self.flow(reset.source, stay) @ whole
+        return float(np.abs(np.linalg.eigvals(whole)).max()) if np.isfinite(whole).all() else inf
+
+    def slowest(self) -> float:
+        """Twenty times the slowest time constant, 1 s where nothing decays."""
+        step = self.dynamics.step
+        rates = [-decay_rate(sorted_spectrum(F), step) for F in self.dynamics.matrices.values()]
+        least = min((rate for rate in rates if rate > 0), default=20.0)
+        return 20 / least if isfinite(least) else 1.0
+
+
+def _closed_walks(dynamics: ErrorDynamics) -> Iterator[tuple[ErrorReset, ...]]:
+    """Closed walks of 1 to 4 transitions, each once up to where it starts, in order of declaration."""
+    numbers = {id(reset): number for number, reset in enumerate(dynamics.resets)}
+    for length in range(1, LONGEST_WALK + 1):
+        for start in dynamics.resets:
+            for walk in _extend(dynamics, (start,), length):
+                order = [numbers[id(reset)] for reset in walk]
+                rotations = [order[k:] + order[:k] for k in range(length)]
+                if walk[-1].target == start.source and order == min(rotations) and rotations.count(order) == 1:
+                    yield walk
+
+
+def _extend(dynamics: ErrorDynamics, walk: tuple[ErrorReset, ...], length: int) -> Iterator[tuple[ErrorReset, ...]]:
+    if len(walk) == length:
+        yield walk
+        return
+    for reset in dynamics.exits(walk[-1].target):
+        yield from _extend(dynamics, (*walk, reset), length)
+
+
+def _extras(shifted: _Shifted, walk: Sequence[ErrorReset]) -> Iterator[tuple[float, ...]]:
+    """No extra stay, and quarters of each location's oscillation period (or time constant) in all combinations."""
+    choices = []
+    for reset in walk:
+        modes = to_plane_s(sorted_spectrum(shifted.dynamics.matrices[reset.source]), shifted.dynamics.step)
+        fastest = float(np.abs(modes.imag).max()) or float(np.abs(modes.real).min()) or 1.0
+        choices.append([quarter * pi / (2 * fastest) for quarter in range(4)])
+    yield from product(*choices)
+
+
+def _growth(shifted: _Shifted, walk: Sequence[ErrorReset], extra: Sequence[float], T: float) -> float:
+    return shifted.growth(walk, [shifted.stay(T + more) for more in extra])
+
+
+def _first_growing(shifted: _Shifted, walk: Sequence[ErrorReset], extra: Sequence[float], grid: FloatArray) -> int:
+    """The place in the descending grid of the largest T at which the walk does not contract; its length if none."""
+    return next((k for k, T in enumerate(grid) if _growth(shifted, walk, extra, float(T)) >= 1.0), len(grid))
+
+
+def _refined(
+    shifted: _Shifted, walk: Sequence[ErrorReset], extra: Sequence[float], grid: FloatArray, found: int
+) -> DwellLowerLimit:
+    """Bisect between the grid value that grows and the next longer one."""
+    low, high = float(grid[found]), float(grid[max(found - 1, 0)])
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if _growth(shifted, walk, extra, middle) >= 1.0 else (low, middle)
+    stays = tuple(shifted.stay(low + more) for more in extra)
+    cycle = WitnessCycle(tuple(reset.source for reset in walk), stays, shifted.growth(walk, stays))
+    return DwellLowerLimit(min(stays), cycle)
+
+
+__all__ = ["DwellLowerLimit", "WitnessCycle", "dwell_lower_limit"]
