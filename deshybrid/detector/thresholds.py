@@ -90,7 +90,9 @@ def _disturbance_sum(system: HybridSystem, generator: ResidualGenerator) -> Floa
 
     A = generator.projection @ dynamics.A @ generator.embedding
     panel = step / PANELS
-    nodes = [expm(A * panel * i) @ entering for i in range(PANELS + 1)]
+    flow, nodes = expm(A * panel), [entering]
+    for _ in range(PANELS):
+        nodes.append(flow @ nodes[-1])
     weights = [panel / 2 if i in (0, PANELS) else panel for i in range(PANELS + 1)]
     columns = np.hstack([weight * node for weight, node in zip(weights, nodes, strict=True)])
     sums = absolute_sum(generator.F, generator.C, np.hstack([columns, np.eye(A.shape[0])]))

@@ -19,7 +19,7 @@ alternatives (locations of the state, targets of the other candidates) are quiet
 than guesses.  One by negation needs a generator for every alternative, and is left out of a state where one is missing.
 
 A purely discrete model has no residuals: there the signatures come as events of the same name, and a pair (γ, s) that
-comes at once as the event `γ,s`; nothing times out.
+comes at once as the event `γ,s`; nothing times out, and nothing due is forgotten, because its event will come.
 
 Subset construction, up to 2^(|Q| (|S|+1)) states, hence `max_states`.
 Source: Balluchi et al. (2012), sections 3.1, 4.1 and 4.2; Figure 9.
@@ -140,7 +140,7 @@ class _Moves:
                 yield Token("signature", number), target
         settled = _settled(node)
         if settled and settled != node:
-            yield Token("silence", 0), _forgetful(set(settled))
+            yield Token("silence", 0), self._node(set(settled))
 
     def on_event(self, node: Node, output: Output) -> Node:
         """The node after γ, or after γ and s at once."""
@@ -149,7 +149,7 @@ class _Moves:
         for sources in _in_turn(node):
             found = {pair for source in sources for pair in self._arrivals(source, output)}
             if found:
-                return _forgetful(found)
+                return self._node(found)
         return ()
 
     def _arrivals(self, source: int, output: Output) -> Iterator[Configuration]:
@@ -166,8 +166,15 @@ class _Moves:
             moves = [move for source in sources for move in self.by_gamma.get((None, source), ())]
             found = due | {(target, NONE) for target, signature in moves if signature == name}
             if found:
-                return _forgetful(found)
+                return self._node(found)
         return ()
+
+    def _node(self, found: set[Configuration]) -> Node:
+        """What is due in all pairs, or in pairs of one location, tells nothing and is not waited for."""
+        useless = len({pair[0] for pair in found}) == 1 or len({pair[1] for pair in found}) == 1
+        if useless and not self.signatures_are_events:
+            found = {(location, NONE) for location, _ in found}
+        return tuple(sorted(found))
 
 
 def _in_turn(node: Node) -> tuple[list[int], list[int]]:
@@ -177,14 +184,6 @@ def _in_turn(node: Node) -> tuple[list[int], list[int]]:
 
 def _settled(node: Node) -> Node:
     return tuple(pair for pair in node if pair[1] == NONE)
-
-
-def _forgetful(found: set[Configuration]) -> Node:
-    """What is due in all pairs, or in pairs of one location, tells nothing and is not waited for."""
-    locations, due = {pair[0] for pair in found}, {pair[1] for pair in found}
-    if len(locations) == 1 or len(due) == 1:
-        found = {(location, NONE) for location in locations}
-    return tuple(sorted(found))
 
 
 def _states(moves: _Moves, graph: Graph[Node, Token], guaranteed: frozenset[int]) -> Iterator[TrackerState]:
@@ -199,7 +198,7 @@ def _states(moves: _Moves, graph: Graph[Node, Token], guaranteed: frozenset[int]
         yield TrackerState(
             entry_estimate=locations,
             location=locations[0] if identified else NONE,
-            provisional=provisional,
+            provisional=provisional and not identified,
             on_event=tuple(targets.get(Token("event", n), NONE) for n in range(len(moves.event_names))),
             candidates=tuple(_candidates(moves, graph, node, targets)),
             timeout_target=_timeout(moves, node, targets, guaranteed) if provisional else NONE,
