@@ -7,8 +7,8 @@ that at least one transition of a set carries a signature.
 
 Objectives, minimised one after the other: the cost of the generators; the number of instrumented transitions; how many
 alternatives the negations must deny beyond one each (to deny one is a threshold turned round, to deny many is fragile);
-how many negations there are; and, so that the choice is by declaration, the sums of the numbers of the generators and of
-the transitions.
+how many negations there are; and, so that the choice is by declaration, the sums of the numbers of generators and of
+transitions.
 
 In: candidates, then constraints.  Out: a `Selection`.  Cost: one call of `scipy.optimize.milp` per solution.
 """

@@ -140,8 +140,8 @@ def find_confusion(pairs: PairAutomaton) -> Confusion | None:
     root = graph.nodes[graph.arcs[prefix[0]][0] if prefix else entry]
     before, there = _lift(pairs, root, prefix)
     around, back = _lift(pairs, there, cycle)
-    if back != there:  # the two runs have changed places: once more round brings both home
-        around += _lift(pairs, back, cycle)[0]
+    if back != there:
+        around = _brought_home(pairs.automaton, around)
     after, _ = _lift(pairs, there, tail)
     first, second = (pairs.automaton.des.locations[number] for number in root)
     return Confusion((first, second), before, around, after)
@@ -158,6 +158,21 @@ def _lift(pairs: PairAutomaton, start: tuple[int, int], arcs: list[int]) -> tupl
         moves.append((first, second))
         pair = (number[edges[first].target], number[edges[second].target])
     return moves, pair
+
+
+def _brought_home(automaton: OutputAutomaton, around: Moves) -> Moves:
+    """Repair a round after which the two runs have changed places.
+
+    Where they meet on the way, they part the other way round; else a second, mirrored round undoes the exchange.
+    """
+    for position, (first, second) in enumerate(around):
+        if automaton.edges[first].source == automaton.edges[second].source:
+            return around[:position] + _mirrored(around[position:])
+    return around + _mirrored(around)
+
+
+def _mirrored(moves: Moves) -> Moves:
+    return [(second, first) for first, second in moves]
 
 
 def c2_witness(automaton: OutputAutomaton, confusion: Confusion) -> Witness:

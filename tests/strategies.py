@@ -1,0 +1,154 @@
+"""All Hypothesis strategies of the tests, and the seeded generators that the bulk comparisons use.
+
+Append your own section; nothing here may depend on the order in which tests run.
+"""
+
+import random
+
+import numpy as np
+from hypothesis import strategies as st
+
+from deshybrid.des.automaton import DES, Transition
+from deshybrid.des.candidates import Candidate
+from deshybrid.linear.dynamics import LinearDynamics
+from deshybrid.model.predicates import Affine, And
+from deshybrid.model.system import (
+    AffineReset,
+    Bounds,
+    Dwell,
+    HybridSystem,
+    HybridTransition,
+    Location,
+    ObserverOptions,
+)
+
+# ---- discrete-event systems -------------------------------------------------------------------------------------
+
+
+def random_des(rng: random.Random, *, locations: int = 6, transitions: int = 10) -> DES:
+    """A small system with everything that is allowed: silent cycles, dead ends, several outputs, parallel arcs."""
+    names = tuple(f"q{number}" for number in range(rng.randint(1, locations)))
+    seldom = [(None,), (None,), ("α", "β"), ("α", None), (None, "β", "γ")]
+    often = [("α",), ("β",), ("γ",), ("δ",)][: rng.randint(1, 4)]
+    share = rng.choice([0.0, 0.15, 0.3, 0.6])
+    sources = list(names) if rng.random() < 0.6 else []  # then no location is a dead end
+    sources += rng.choices(names, k=rng.randint(0, max(0, transitions - len(sources))))
+    arcs = tuple(
+        Transition(source, rng.choice("abc"), rng.choice(names), rng.choice(seldom if rng.random() < share else often))
+        for source in sources
+    )
+    initial = tuple(rng.sample(names, rng.randint(1, len(names)))) if rng.random() < 0.4 else ()
+    return DES(names, arcs, initial, "random")
+
+
+def living(des: DES) -> DES:
+    """The same system with a visible self-loop on every dead end."""
+    left = {transition.source for transition in des.transitions}
+    loops = tuple(Transition(name, "stay", name, ("α",)) for name in des.locations if name not in left)
+    return DES(des.locations, des.transitions + loops, des.initial, des.name)
+
+
+@st.composite
+def systems(draw: st.DrawFn, *, locations: int = 5, transitions: int = 8) -> DES:
+    """Any small system, shrinking towards few locations, few transitions, visible outputs."""
+    names = tuple(f"q{number}" for number in range(draw(st.integers(1, locations))))
+    seen = st.sampled_from([("α",), ("β",), ("α", "β"), (None,), ("α", None)])
+    arc = st.builds(Transition, st.sampled_from(names), st.sampled_from("ab"), st.sampled_from(names), seen)
+    arcs = tuple(draw(st.lists(arc, max_size=transitions)))
+    initial = tuple(draw(st.lists(st.sampled_from(names), max_size=len(names), unique=True)))
+    return DES(names, arcs, initial, "random")
+
+
+@st.composite
+def systems_with_run(draw: st.DrawFn) -> tuple[DES, str, list[tuple[Transition, str | None]]]:
+    """A system, an initial location, and a run from it: each transition with the output that it showed."""
+    des = draw(systems())
+    start = location = draw(st.sampled_from(des.initial))
+    run: list[tuple[Transition, str | None]] = []
+    for _ in range(draw(st.integers(0, 12))):
+        exits = [transition for transition in des.transitions if transition.source == location]
+        if not exits:
+            break
+        taken = draw(st.sampled_from(exits))
+        run.append((taken, draw(st.sampled_from(taken.outputs))))
+        location = taken.target
+    return des, start, run
+
+
+def candidates_everywhere(des: DES, *, forbid: tuple[int, ...] = ()) -> tuple[Candidate, ...]:
+    """One candidate signature per location, on every transition into it that is not forbidden."""
+    return tuple(
+        Candidate(
+            f"s_{location}",
+            location,
+            tuple(i for i, t in enumerate(des.transitions) if t.target == location and i not in forbid),
+        )
+        for location in des.locations
+    )
+
+
+def random_candidates(rng: random.Random, des: DES) -> tuple[Candidate, ...]:
+    """Candidates with random costs, some without residual or negation, some transitions left out, some missing."""
+    strict = rng.choice([0.0, 1.0])
+    forbid = tuple(i for i in range(len(des.transitions)) if rng.random() < 0.15 * strict)
+    return tuple(
+        Candidate(
+            candidate.name,
+            candidate.location,
+            candidate.transitions,
+            rng.choice([0.0, 0.5, 1.0, 1.0, 1.0, 2.0, 3.0]),
+            rng.random() >= 0.2 * strict,
+            rng.random() >= 0.3 * strict,
+        )
+        for candidate in candidates_everywhere(des, forbid=forbid)
+        if rng.random() >= 0.1 * strict
+    )
+
+
+# ---- hybrid systems that run ------------------------------------------------------------------------------------
+
+
+def _location(draw: st.DrawFn, name: str, n: int) -> Location:
+    """Small integers give slow, damped or rotating flows; measured is the first state, in some locations all."""
+    entries = st.integers(-3, 3).map(float)
+    matrix = np.array(draw(st.lists(entries, min_size=n * n, max_size=n * n))).reshape(n, n) - 2.0 * np.eye(n)
+    drift = np.array(draw(st.lists(entries, min_size=n, max_size=n)))
+    shortest = draw(st.sampled_from([None, 0.15, 0.4]))
+    dynamics = LinearDynamics(
+        matrix, np.ones((n, 1)), np.eye(n)[:1], np.zeros((1, 1)), np.eye(n), drift, np.zeros(1)
+    )
+    return Location(name, dynamics, Dwell(shortest), input_index=(0,), output_index=(0,))
+
+
+@st.composite
+def hybrid_systems(draw: st.DrawFn) -> HybridSystem:
+    """A system of 1 to 3 locations and states, with guarded and unguarded transitions, resets and several outputs."""
+    n = draw(st.integers(1, 3))
+    names = tuple(f"q{number}" for number in range(draw(st.integers(1, 3))))
+    row = st.lists(st.integers(-2, 2).map(float), min_size=n, max_size=n)
+    guard = st.builds(
+        lambda s, c: Affine(np.array(s), np.zeros(1), c, "<="), row, st.floats(-2.0, 2.0, allow_nan=False)
+    )
+    reset = st.builds(lambda s: AffineReset(np.eye(n) * 0.5, np.array(s)), row)
+    outputs = st.sampled_from([("α",), ("β",), (None,), ("α", None), ("α", "β")])
+    arc = st.builds(
+        HybridTransition,
+        st.sampled_from(names),
+        st.sampled_from("abc"),
+        st.sampled_from(names),
+        outputs,
+        st.none() | guard | st.builds(lambda g, h: And((g, h)), guard, guard),
+        st.none() | reset,
+    )
+    return HybridSystem(
+        "random",
+        tuple(_location(draw, name, n) for name in names),
+        tuple(draw(st.lists(arc, min_size=1, max_size=5))),
+        names,
+        tuple(f"x{number}" for number in range(n)),
+        ("u",),
+        ("y",),
+        tuple(f"w{number}" for number in range(n)),
+        bounds=Bounds(np.ones(n), np.ones(1), np.full(n, 0.3), np.full(1, 0.01)),
+        observer=ObserverOptions(step=0.05, dwell=0.2),
+    )
