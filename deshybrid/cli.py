@@ -101,7 +101,9 @@ def _limited(timeout: float | None) -> Iterator[None]:
         return
 
     def expire(_number: int, _frame: FrameType | None) -> None:
-        raise LimitReached(diagnostic("DH0903", f"undecided after {timeout:g} s", helps=("allow more with `--timeout`",)))
+        raise LimitReached(
+            diagnostic("DH0903", f"undecided after {timeout:g} s", helps=("allow more with `--timeout`",))
+        )
 
     before = signal.signal(signal.SIGALRM, expire)
     signal.setitimer(signal.ITIMER_REAL, timeout)
@@ -171,7 +173,7 @@ def design(
     with _limited(timeout):
         made = compiler.design(model, rate=rate, dwell=dwell, step=step, method=method)
     _write(output, to_json(made.document()) if as_json else f"{made}\n")
-    _say(made.problems)
+    _say((*made.recovery.diagnostics, *made.problems))
     _finish(made.certified)
 
 
@@ -181,7 +183,9 @@ def compile_model(
     output: Annotated[Path, typer.Option("-o", "--output", help="the folder for everything that is written")],
     target: Annotated[list[Target] | None, typer.Option(help="code to generate; may be repeated")] = None,
     real: Annotated[Literal["double", "float"], typer.Option(help="the generated C's type of real numbers")] = "double",
-    prefix: Annotated[str | None, typer.Option(help="prefix of all generated names; default: from the model's name")] = None,
+    prefix: Annotated[
+        str | None, typer.Option(help="prefix of all generated names; default: from the model's name")
+    ] = None,
     rate: Rate = None,
     dwell: DwellTime = None,
     step: Step = None,
@@ -199,7 +203,7 @@ def compile_model(
         made = compiler.compile(model, rate=rate, dwell=dwell, step=step, max_states=max_states)
         files = bundle.files(made, wishes)
     write_tree(output, files)
-    _write(None, to_json(made.record()) if as_json else f"{made}\n{_listing(output, files)}")
+    _write(None, to_json(bundle.record(made)) if as_json else f"{made}\n{_listing(output, files)}")
     _say(made.diagnostics)
     _finish(made.certified)
 

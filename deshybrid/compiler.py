@@ -23,6 +23,7 @@ from deshybrid.model.load import load
 from deshybrid.model.system import HybridSystem
 
 if TYPE_CHECKING:
+    from deshybrid.continuous.cycles import DwellLowerLimit
     from deshybrid.continuous.dwell import DwellTimeCertificate
     from deshybrid.continuous.gains import ObserverGains
     from deshybrid.continuous.ultimate import UltimateBound
@@ -34,6 +35,18 @@ if TYPE_CHECKING:
 Source: TypeAlias = str | Path | HybridSystem | DES
 Method: TypeAlias = Literal["auto", "observer", "pairs"]
 MAX_STATES = 100_000
+_NO_DESIGN: Mapping[str, object] = {
+    "gains": {},
+    "eigenvalues": {},
+    "condition": {},
+    "certificates": [],
+    "required_dwell": None,
+    "dwell_lower_limit": None,
+    "witness_cycle": None,
+    "ultimate_bound": None,
+    "detection_delay": {},
+    "determinability": None,
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +99,7 @@ class Design:
     gains: "ObserverGains | None" = None
     certificates: "tuple[DwellTimeCertificate, ...]" = ()
     ultimate: "UltimateBound | None" = None
+    lower_limit: "DwellLowerLimit | None" = None
     problems: tuple[Diagnostic, ...] = ()
 
     @property
@@ -102,12 +116,38 @@ class Design:
         """Return the design as JSON values; the keys are a contract, and `verify` checks the claims in them."""
         from deshybrid.continuous.document import design_document
 
-        return design_document(self.system, self.gains, self.certificates, self.ultimate, self.detection_delay, self.step)
+        if self.gains is None:
+            return dict(_NO_DESIGN)
+        return design_document(
+            self.system,
+            self.gains,
+            self.certificates,
+            self.ultimate,
+            lower_limit=self.lower_limit,
+            detection_delay=None if self.detector is None else self.detector.detection_delay,
+        )
 
-    @property
-    def detection_delay(self) -> Mapping[str, float | None]:
-        """Bounds of the time from a transition to its signature, by location; None where none is guaranteed."""
-        return {} if self.detector is None else self.detector.detection_delay
+    def __str__(self) -> str:
+        name = self.system.name
+        if not self.exists:
+            return f"{name}: no hybrid observer"
+        if self.gains is None:
+            return f"{name}: an observer of the location; there is no continuous state"
+        lines = [f"{name}: a switching observer with rate {self.gains.rate:g} 1/s, sampled every {self.step:g} s"]
+        for place in self.gains.locations:
+            poles = ", ".join(
+                f"{pole.real:.4g}{pole.imag:+.4g}j" if pole.imag else f"{pole.real:.4g}"
+                for pole in self.gains.eigenvalues[place]
+            )
+            fixed = len(self.gains.fixed_modes[place])
+            lines.append(f"  {place}: poles {poles}" + (f", {fixed} of them fixed" if fixed else ""))
+        lines += [f"  {c.theorem}: {'holds' if c.holds else 'does not hold'}: {c.reason}" for c in self.certificates]
+        if self.ultimate is not None:
+            bound = self.ultimate.value
+            lines.append(
+                f"  ultimate bound: {'none' if bound is None else format(bound, '.4g')} ({self.ultimate.reason})"
+            )
+        return "\n".join(lines)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,6 +162,14 @@ class Compilation:
         """What the user has to know: why there is no observer, or what limits the one there is."""
         return self.design.recovery.diagnostics + self.design.problems
 
+    @property
+    def certified(self) -> bool:
+        """True where the observer exists and all of its certificates hold."""
+        return self.observer is not None and self.design.certified
+
+    def __str__(self) -> str:
+        return f"{self.design.recovery.check}\n{self.design.recovery}\n{self.design}"
+
 
 def to_system(source: Source) -> HybridSystem | DES:
     """Return the model behind a path, or the model itself."""
@@ -132,6 +180,17 @@ def to_des(source: Source) -> DES:
     """Return D_H of a path or a hybrid system, or the DES itself."""
     model = to_system(source)
     return model if isinstance(model, DES) else abstract(model)
+
+
+def to_hybrid(source: Source) -> HybridSystem:
+    """Return the hybrid system of a path, or the system itself.
+
+    Raises `UsageError` (DH0308) for a DES, which says nothing of time or state.
+    """
+    model = to_system(source)
+    if isinstance(model, DES):
+        raise UsageError(diagnostic("DH0308", "this needs a model file or a `HybridSystem`, not a `DES`"))
+    return model
 
 
 def check(source: Source, *, method: Method = "auto", max_states: int = MAX_STATES) -> ObservabilityReport:
@@ -184,9 +243,11 @@ def design(
     Arguments override what the model's `observer` section says.  Source: Balluchi et al. (2012), Theorems 6 and 7.
     Raises `UsageError` (DH0306) for a model without continuous state.
     """
-    system = to_system(source)
-    if isinstance(system, DES) or system.is_discrete:
-        raise UsageError(diagnostic("DH0306", f"`{system.name}` has no continuous state, so there is no gain to design"))
+    system = to_hybrid(source)
+    if system.is_discrete:
+        raise UsageError(
+            diagnostic("DH0306", f"`{system.name}` has no continuous state, so there is no gain to design")
+        )
     recovery = recover(system, max_states=max_states)
     draft = Design(system, recovery, step or system.observer.step or system.time_step or 0.0)
     if not recovery.plan.recoverable:
@@ -213,6 +274,7 @@ def _step_for(system: HybridSystem, gains: "ObserverGains") -> float:
 
 def _certified(draft: Design) -> Design:
     """Add detector, certificates and bound to a draft that has gains and a step."""
+    from deshybrid.continuous.cycles import dwell_lower_limit
     from deshybrid.continuous.dwell import certify_dwell, certify_sampled
     from deshybrid.continuous.ultimate import ultimate_bound
     from deshybrid.detector.detector import build_detector
@@ -227,11 +289,16 @@ def _certified(draft: Design) -> Design:
         *((certify_dwell(system, gains, delay=delay),) if delay > 0.0 else ()),
         certify_sampled(system, gains, step=draft.step, delay=delay),
     )
-    ultimate = ultimate_bound(system, gains, delay=delay)
-    return replace(draft, detector=detector, certificates=certificates, ultimate=ultimate)
+    return replace(
+        draft,
+        detector=detector,
+        certificates=certificates,
+        ultimate=ultimate_bound(system, gains, delay=delay),
+        lower_limit=dwell_lower_limit(system, gains, longest=certificates[0].required_dwell),
+    )
 
 
-def compile(  # noqa: A001 - the field's word, and the command's
+def compile(
     source: Source,
     *,
     rate: float | None = None,
@@ -246,16 +313,18 @@ def compile(  # noqa: A001 - the field's word, and the command's
     """
     from deshybrid.observer.hybrid import build_observer
 
-    system = to_system(source)
-    if isinstance(system, DES):
-        raise UsageError(diagnostic("DH0308", "an observer is compiled from a model file or a `HybridSystem`"))
+    system = to_hybrid(source)
     if system.is_discrete:
         made = Design(system, recover(system, max_states=max_states), step or 1.0)
     else:
         made = design(system, rate=rate, dwell=dwell, step=step, max_states=max_states)
     if not made.exists:
         return Compilation(made, None)
-    return Compilation(made, build_observer(system, made.recovery.plan, made.detector, made.gains, step=made.step))
+    plan = made.recovery.plan
+    observer = build_observer(
+        system, plan, made.detector, made.gains, step=made.step, certificates=made.certificates, max_states=max_states
+    )
+    return Compilation(made, observer)
 
 
 __all__ = ["Compilation", "Design", "Recovery", "check", "compile", "design", "recover", "to_des", "to_system"]
