@@ -74,15 +74,11 @@ def emit_c(tables: StepTables, *, prefix: str, real: Real = "double", provenance
     The files are `<prefix>.h`, `<prefix>.c`, `<prefix>_selftest.c`, `Makefile`, `CMakeLists.txt` and `README.md`; all
     are ASCII.  The same arguments give the same bytes.
 
-    >>> import numpy as np
-    >>> from deshybrid.observer.tables import FlowTables, GeneratorTables, TrackerState
-    >>> empty = [np.zeros(shape) for shape in [(1, 0, 0), (1, 0, 0), (1, 0, 0), (1, 0), (0,)]]
-    >>> none = [np.zeros((0,) * d) for d in [3, 3, 3, 2, 3, 2, 3, 3, 2, 2, 1]]
-    >>> tables = StepTables(
-    ...     "lamp", 0.1, ("on",), (), (), (), ("click",), (), FlowTables(*empty, (False,)),
-    ...     GeneratorTables((), *none, (), ()), (TrackerState((0,), 0, False, (0,), ()),), 0, 0, (0,), 1, ((-1,),),
-    ...     np.zeros((0, 0, 0)), np.zeros((0, 0)))
-    >>> list(emit_c(tables, prefix="lamp", provenance=Provenance("lamp", "lamp.yaml", "3f9c", "0.1.0")))
+    >>> from deshybrid.compiler import compile
+    >>> from deshybrid.model.load import loads
+    >>> turns = "[{from: off, to: on, event: press}, {from: on, to: off, event: release}]"
+    >>> lamp = compile(loads(f"{{format: deshybrid/1, name: lamp, locations: [off, on], transitions: {turns}}}"))
+    >>> list(emit_c(lamp.observer.tables, prefix="lamp", provenance=Provenance("lamp", "lamp.yaml", "3f9c", "0.1.0")))
     ['lamp.h', 'lamp.c', 'lamp_selftest.c', 'Makefile', 'CMakeLists.txt', 'README.md']
     """
     check_prefix(prefix)

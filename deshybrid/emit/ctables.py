@@ -57,6 +57,13 @@ def c_tables(tables: StepTables, real: Real) -> tuple[Table, ...]:
     """Return all tables of the step in the order in which they are printed.
 
     UsageError DH0813 where a number is not finite or does not fit `real`.
+
+    >>> from deshybrid.compiler import compile
+    >>> from deshybrid.model.load import loads
+    >>> turns = "[{from: off, to: on, event: press}, {from: on, to: off, event: release}]"
+    >>> lamp = compile(loads(f"{{format: deshybrid/1, name: lamp, locations: [off, on], transitions: {turns}}}"))
+    >>> c_tables(lamp.observer.tables, "double")[0]
+    Table(name='x_start', type='double', meaning='continuous estimate before the first sample', length=0, lines=('0',))
     """
     plain: dict[str, Any] = plain_tables(tables)
     numbers = (*_flow_numbers(plain), *_generator_numbers(plain["generators"]))
@@ -74,6 +81,13 @@ def cost(tables: StepTables, printed: Iterable[Table], real: Real) -> Cost:
     """Return bytes and operations of one observer; `printed` are its `c_tables`.
 
     The worst step restarts every generator and the estimate after a runaway and applies two resets.
+
+    >>> from deshybrid.compiler import compile
+    >>> from deshybrid.model.load import loads
+    >>> turns = "[{from: off, to: on, event: press}, {from: on, to: off, event: release}]"
+    >>> lamp = compile(loads(f"{{format: deshybrid/1, name: lamp, locations: [off, on], transitions: {turns}}}"))
+    >>> cost(lamp.observer.tables, c_tables(lamp.observer.tables, "float"), "float").multiplications
+    0
     """
     n, m, p = len(tables.state_names), len(tables.input_names), len(tables.output_names)
     generators, resets = len(tables.generators.locations), 2 if len(tables.reset_matrix) else 0

@@ -49,6 +49,13 @@ def record_vectors(
     """Return `count` random samples with the estimates of the reference step, from its start on.
 
     With `reset_every` = r > 0 the observer is reset before the samples r, 2 r, ...
+
+    >>> from deshybrid.compiler import compile
+    >>> from deshybrid.model.load import loads
+    >>> turns = "[{from: off, to: on, event: press}, {from: on, to: off, event: release}]"
+    >>> lamp = compile(loads(f"{{format: deshybrid/1, name: lamp, locations: [off, on], transitions: {turns}}}"))
+    >>> len(record_vectors(lamp.observer.tables, seed=1, count=20))
+    20
     """
     number = np.float32 if real == "float" else float
     constants = _converted(plain_tables(tables), number)
@@ -125,7 +132,7 @@ class _Sampler:
 
     def _event(self, index: int, state: reference.State) -> int:
         """Mostly none or one that the tracker knows; sometimes any; seldom a code that is no event."""
-        if index % 64 == 40:
+        if index % (8 * self._patience) == 5 * self._patience:
             return (-1, self._events + 1, 2**31 - 1)[self._below(3)]
         if self._source.random() >= self._event_chance or self._events == 0:
             return 0

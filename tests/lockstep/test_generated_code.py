@@ -11,12 +11,14 @@ import pytest
 from fixtures import small_tables
 from random_tables import random_tables
 
+from deshybrid import compiler
 from deshybrid.emit.c import emit_c
 from deshybrid.emit.ctables import c_tables, cost
 from deshybrid.emit.python import emit_python
 from deshybrid.emit.vectors import record_vectors
 from deshybrid.observer.tables import FlowTables, GeneratorTables, StepTables, TrackerState
 
+MODELS = Path(__file__).parents[2] / "models"
 needs_compiler = pytest.mark.skipif(bool(harness.missing_compiler()), reason=harness.missing_compiler() or "present")
 
 
@@ -52,6 +54,14 @@ def hostile_tables() -> StepTables:
 @needs_compiler
 def test_c_python_and_reference_agree_bit_for_bit_over_100000_samples(tmp_path):
     harness.assert_lockstep(tmp_path, small_tables(), count=100_000)
+
+
+@needs_compiler
+@pytest.mark.parametrize("count", [10_000, pytest.param(100_000, marks=pytest.mark.campaign)])
+def test_c_python_and_reference_agree_bit_for_bit_on_the_driveline(count, tmp_path):
+    compiled = compiler.compile(MODELS / "balluchi2012" / "driveline.yaml")
+    assert compiled.observer is not None
+    harness.assert_lockstep(tmp_path, compiled.observer.tables, count=count)
 
 
 @needs_compiler
