@@ -16,7 +16,7 @@ Source: Balluchi et al. (2012), section 3.1, Definition 3 and Theorem 4.
 """
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 from deshybrid.des.automaton import DES
 from deshybrid.des.cycles import longest_path_to
@@ -28,7 +28,7 @@ from deshybrid.des.report import C2Failure, ObservabilityReport
 from deshybrid.des.verdicts import verdict_diagnostics
 from deshybrid.des.witness import Step, Witness, c1_witness, c2_witness, find_confusion
 from deshybrid.des.worklist import Graph
-from deshybrid.diagnostics import LimitReached
+from deshybrid.diagnostics import LimitReached, UsageError, diagnostic
 
 Method: TypeAlias = Literal["auto", "observer", "pairs"]
 _MODEST = 2_000  # states of D_O that "auto" is ready to build
@@ -47,7 +47,8 @@ class _Findings:
 def check_observability(des: DES, *, method: Method = "auto", max_states: int = 100_000) -> ObservabilityReport:
     """Return whether `des` is current-location observable, and why not (Balluchi et al., 2012, Theorem 4).
 
-    `max_states` limits D_O; the pairs need no limit.  Raises `LimitReached` (DH0901) with method "observer" only.
+    `max_states` limits D_O; the pairs need no limit.  Raises `LimitReached` (DH0901) with method "observer" only,
+    `UsageError` (DH0407) for another method.
 
     K counts outputs, that is transitions of D'_H and of D_O; where no transition is silent these are the transitions of
     Definition 3.  It is one more than the longest path of the pair automaton to a pair of different locations.
@@ -60,6 +61,8 @@ def check_observability(des: DES, *, method: Method = "auto", max_states: int = 
       C1 fails: 2 -d/ε-> 5
       checked by the location observer, 5 states
     """
+    if method not in get_args(Method):
+        raise UsageError(diagnostic("DH0407", f"unknown method `{method}`", helps=("write auto, observer or pairs",)))
     automaton = eliminate_epsilon(des)
     persistent = persistent_locations(des)
     alive_in = set(persistent)

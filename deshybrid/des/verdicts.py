@@ -10,6 +10,8 @@ from deshybrid.des.report import C2Failure, ObservabilityReport
 from deshybrid.des.witness import Step, Witness
 from deshybrid.diagnostics import Diagnostic, diagnostic
 
+_VERDICT = "not current-location observable: "
+
 
 def verdict_diagnostics(report: ObservabilityReport, *, proposal: tuple[str, ...] = ()) -> tuple[Diagnostic, ...]:
     """Return the messages of a negative verdict, none where the system is current-location observable.
@@ -31,6 +33,34 @@ def verdict_diagnostics(report: ObservabilityReport, *, proposal: tuple[str, ...
     return tuple(message for message in messages if message is not None)
 
 
+def unrecoverable(report: ObservabilityReport) -> tuple[Diagnostic, ...]:
+    """Return the message that no signatures help (DH0403), from the report of the system with all candidates.
+
+    None where that system is current-location observable.
+
+    >>> from deshybrid.des.automaton import DES
+    >>> from deshybrid.des.observability import check_observability
+    >>> des = DES.from_transitions([("2", "d", "5", None), ("5", "a", "2", "α")])
+    >>> [message.notes[0] for message in unrecoverable(check_observability(des))]
+    ['with all of them, an exit transition of persistent location `2` is still unobservable (C1)']
+    """
+    return tuple(
+        diagnostic(
+            "DH0403",
+            "no set of the candidate signatures makes the system current-location observable",
+            message.span,
+            message.labels[0].text if message.labels else "",
+            notes=(_still(message), *message.notes),
+        )
+        for message in verdict_diagnostics(report)[:1]
+    )
+
+
+def _still(message: Diagnostic) -> str:
+    fact = message.message.removeprefix(_VERDICT).replace(" is ", " is still ", 1)
+    return f"with all of them, {fact}"
+
+
 def _c1_message(report: ObservabilityReport, proposal: tuple[str, ...]) -> Diagnostic | None:
     if not report.c1_failures:
         return None
@@ -41,8 +71,7 @@ def _c1_message(report: ObservabilityReport, proposal: tuple[str, ...]) -> Diagn
     notes = () if witness is None else (_cycle_note(first.source, witness), _c1_run_note(report, witness))
     return diagnostic(
         "DH0401",
-        "not current-location observable: an exit transition of persistent location "
-        f"`{first.source}` is unobservable (C1)",
+        f"{_VERDICT}an exit transition of persistent location `{first.source}` is unobservable (C1)",
         places[0],
         labels[0],
         context=tuple(zip(places[1:], labels[1:], strict=True)),
@@ -91,8 +120,7 @@ def _c2_message(report: ObservabilityReport, proposal: tuple[str, ...]) -> Diagn
     facts = [_confusion_note(failure, report.method) for failure in confused]
     return diagnostic(
         "DH0402",
-        "not current-location observable: persistent location "
-        f"`{confused[0].location}` is confused with another for ever (C2)",
+        f"{_VERDICT}persistent location `{confused[0].location}` is confused with another for ever (C2)",
         spans[0],
         facts[0],
         context=tuple(zip(spans[1:], facts[1:], strict=True)),
@@ -135,4 +163,4 @@ def _arrows(start: str, steps: tuple[Step, ...]) -> str:
     return start + "".join(f" -{step.event}-> {step.location}" for step in steps)
 
 
-__all__ = ["verdict_diagnostics"]
+__all__ = ["unrecoverable", "verdict_diagnostics"]

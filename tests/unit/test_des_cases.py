@@ -16,6 +16,7 @@ from deshybrid.des.observer import build_location_observer, entry_estimates
 from deshybrid.des.persistence import blocked_locations, persistent_locations, require_living
 from deshybrid.des.replay import replay_witness, witness_faults
 from deshybrid.des.signatures import recover_observability
+from deshybrid.des.verdicts import unrecoverable
 from deshybrid.des.witness import Step, Witness
 from deshybrid.des.worklist import explore
 from deshybrid.diagnostics import LimitReached, ModelError, UsageError, catalogue
@@ -132,6 +133,10 @@ class TestVerdicts:
         )
         notes = verdict_diagnostics(check_observability(des))[0].notes
         assert "`2` is persistent: it is reached from the cycle 1 -a-> 1" in notes
+
+    def test_an_unknown_method_is_refused(self) -> None:
+        with pytest.raises(UsageError, match="unknown method `quick`"):
+            check_observability(RING, method="quick")  # type: ignore[arg-type]
 
     def test_report_reads_well(self) -> None:
         report = check_observability(RING)
@@ -293,6 +298,11 @@ class TestCandidates:
         plan = recover_observability(SPLIT, ())
         assert (plan.recoverable, plan.optimal) == (False, False)
         assert plan.confused == check_observability(SPLIT).witness
+        (message,) = unrecoverable(plan.report)
+        assert message.code == "DH0403"
+        assert (
+            message.notes[0] == "with all of them, persistent location `2` is still confused with another for ever (C2)"
+        )
 
     def test_all_that_does_not_fit_is_reported_together(self) -> None:
         bad = (
@@ -327,7 +337,7 @@ class TestCandidates:
 
 
 def test_every_code_of_the_discrete_half_is_explained() -> None:
-    for code in ("DH0401", "DH0402", "DH0403", "DH0404", "DH0405", "DH0406", "DH0901", "DH0902"):
+    for code in ("DH0401", "DH0402", "DH0403", "DH0404", "DH0405", "DH0406", "DH0407", "DH0901", "DH0902"):
         assert len(catalogue()[code].text) > 100
 
 
@@ -343,6 +353,7 @@ import random
 from tests.strategies import candidates_everywhere, random_des
 from deshybrid.des.observability import check_observability
 from deshybrid.des.signatures import recover_observability
+from deshybrid.des.verdicts import unrecoverable
 for seed in range(12):
     des = random_des(random.Random(seed))
     report = check_observability(des)
