@@ -1,7 +1,7 @@
 """A compilation as files: report, drawings, design, code, and the manifest that says what they were made from.
 
-In: a `Compilation` and the user's wishes.  Out: the bytes of every file by its name; nothing is written here, so that a
-failure leaves no half of a folder.  Where no observer exists, the report and the drawings of the verdict are all there is.
+In: a `Compilation` and the user's wishes.  Out: the bytes of every file by its name; nothing is written here, so that
+a failure leaves no half of a folder.  Where no observer exists, there is only the report with its drawings.
 """
 
 from dataclasses import dataclass
@@ -113,7 +113,7 @@ def provenance(made: Compilation) -> Provenance:
 
 
 def record(made: Compilation) -> dict[str, object]:
-    """Return what `report.json` holds and `compile --json` prints: verdict, recovery, design and the observer's size."""
+    """Return what `report.json` holds and `compile --json` prints: verdict, recovery, design, the observer."""
     recovery, observer = made.design.recovery, made.observer
     return {
         "format": "deshybrid-report/1",

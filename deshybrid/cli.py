@@ -1,7 +1,7 @@
-"""The command `deshybrid`: reads a path or `-`, writes its result to standard output or `-o`, messages to standard error.
+"""The command `deshybrid`: reads a path or `-`, writes to standard output or `-o`, messages to standard error.
 
-Exit codes: 0 done and the answer is yes, 1 done and the answer is no, 2 the input or the call is wrong, 3 a stated limit was
-reached.  Never a traceback on input.  What a command needs is imported when it runs, so that the start stays light.
+Exit codes: 0 done and the answer is yes, 1 done and the answer is no, 2 the input or the call is wrong, 3 a stated
+limit was reached.  Never a traceback on input.  A command imports what it needs when it runs: the start stays light.
 """
 
 import signal
@@ -38,7 +38,7 @@ class Target(StrEnum):
 
 app = typer.Typer(
     name="deshybrid",
-    help="Can the current location of a hybrid plant be known?  If not, why, and what would do?  Which observer results?",
+    help="Can the current location of a hybrid plant be known?  If not, why, and which observer would do?",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

@@ -5,12 +5,13 @@ A model is carried from one frozen value to the next, and each value keeps the v
     text -> HybridSystem -> DES -> ObservabilityReport -> Recovery (SignaturePlan) -> Design (gains, detector,
     certificates) -> Compilation (HybridObserver and the texts)
 
-Every function takes a path, a `HybridSystem` or a `DES`, or the value of an earlier stage.  A "no" is a value too: nothing
-here raises because the answer is negative.  Source: Balluchi et al. (2012), sections 3 and 4.
+Every function takes a path, a `HybridSystem` or a `DES`.  A "no" is a value too: nothing here raises because the answer
+is negative.  Source: Balluchi et al. (2012), sections 3 and 4.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -85,7 +86,7 @@ class Recovery:
         return str(self.plan)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Design:
     """Stages 7 and 8: detector, gains, certificates and bound; a part is None where `problems` says why it is missing.
 
@@ -98,8 +99,6 @@ class Design:
     detector: "TransitionDetector | None" = None
     gains: "ObserverGains | None" = None
     certificates: "tuple[DwellTimeCertificate, ...]" = ()
-    ultimate: "UltimateBound | None" = None
-    lower_limit: "DwellLowerLimit | None" = None
     problems: tuple[Diagnostic, ...] = ()
 
     @property
@@ -111,6 +110,27 @@ class Design:
     def certified(self) -> bool:
         """True where the observer exists and all of its certificates hold; a discrete one has nothing to certify."""
         return self.exists and all(certificate.holds for certificate in self.certificates)
+
+    @cached_property
+    def ultimate(self) -> "UltimateBound | None":
+        """The level below which the error stays in the end, in the worst case; found when asked for."""
+        from deshybrid.continuous.ultimate import ultimate_bound
+
+        return None if self.gains is None else ultimate_bound(self.system, self.gains, delay=self.delay)
+
+    @cached_property
+    def lower_limit(self) -> "DwellLowerLimit | None":
+        """The largest dwell time at which a switching cycle was found that does not contract; found when asked for."""
+        from deshybrid.continuous.cycles import dwell_lower_limit
+
+        if self.gains is None:
+            return None
+        return dwell_lower_limit(self.system, self.gains, longest=self.certificates[0].required_dwell)
+
+    @property
+    def delay(self) -> float:
+        """The detection delay Δ that the certificates assume: the detector's window, 0 without a detector."""
+        return 0.0 if self.detector is None else self.detector.window
 
     def document(self) -> dict[str, object]:
         """Return the design as JSON values; the keys are a contract, and `verify` checks the claims in them."""
@@ -211,7 +231,8 @@ def recover(source: Source, *, max_states: int = MAX_STATES) -> Recovery:
 
     Source: Balluchi et al. (2012), section 4.1; the minimum by implicit hitting sets.
 
-    >>> des = DES.from_transitions([("1", "a", "2", "α"), ("1", "a", "3", "α"), ("2", "b", "1", "β"), ("3", "b", "1", "β")])
+    >>> arcs = [("1", "a", "2", "α"), ("1", "a", "3", "α"), ("2", "b", "1", "β"), ("3", "b", "1", "β")]
+    >>> des = DES.from_transitions(arcs)
     >>> [signature.name for signature in recover(des).plan.signatures]
     ['s_2']
     """
@@ -274,28 +295,20 @@ def _step_for(system: HybridSystem, gains: "ObserverGains") -> float:
 
 def _certified(draft: Design) -> Design:
     """Add detector, certificates and bound to a draft that has gains and a step."""
-    from deshybrid.continuous.cycles import dwell_lower_limit
     from deshybrid.continuous.dwell import certify_dwell, certify_sampled
-    from deshybrid.continuous.ultimate import ultimate_bound
     from deshybrid.detector.detector import build_detector
 
     system, gains, plan = draft.system, draft.gains, draft.recovery.plan
     if gains is None:
         return draft
     detector = build_detector(system, plan, rate=gains.rate, step=draft.step) if plan.signatures else None
-    delay = 0.0 if detector is None else detector.window
+    made = replace(draft, detector=detector)
     certificates = (
         certify_dwell(system, gains),
-        *((certify_dwell(system, gains, delay=delay),) if delay > 0.0 else ()),
-        certify_sampled(system, gains, step=draft.step, delay=delay),
+        *((certify_dwell(system, gains, delay=made.delay),) if made.delay > 0.0 else ()),
+        certify_sampled(system, gains, step=draft.step, delay=made.delay),
     )
-    return replace(
-        draft,
-        detector=detector,
-        certificates=certificates,
-        ultimate=ultimate_bound(system, gains, delay=delay),
-        lower_limit=dwell_lower_limit(system, gains, longest=certificates[0].required_dwell),
-    )
+    return replace(made, certificates=certificates)
 
 
 def compile(
