@@ -1,8 +1,9 @@
 """The flow of one location over a stretch of time in which inputs and disturbances are held.
 
 In: a location's dynamics.  Out: a `Flow` that maps z = (x, u, w, 1), with the inputs and disturbances of the whole
-system, to the state after a whole sub-step (one product with a matrix exponential made once) or after any shorter time
-(one matrix exponential each).  Both are exact up to rounding; nothing is integrated step by step.
+system, to the state after a whole sub-step (one product with a matrix exponential made once) or after any shorter
+time (the exponential's series applied to one vector, or a matrix exponential where the series would be long).  Both are
+exact up to rounding; nothing is integrated step by step.
 
 Source: the variation of constants; Van Loan (1978) for the exponential of the block matrix [[A, b], [0, 0]].
 """
@@ -14,6 +15,10 @@ import numpy as np
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.system import HybridSystem, Location
 
+_SERIES = 1.0  # largest norm of A · duration for which the series is summed: then no term cancels another
+_TERMS = 30
+_NEGLIGIBLE = 1e-18
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flow:
@@ -24,7 +29,24 @@ class Flow:
     is_sampled: bool
 
     def after(self, z: FloatArray, duration: float) -> FloatArray:
-        """Return the state (n,) a `duration` (s, continuous time only) after z, with u and w held."""
+        """Return the state (n,) a `duration` (s, continuous time only) after z, with u and w held.
+
+        With d = x' at z it is x + sum over k of duration^k A^(k-1) d / k!, summed until a term changes nothing.
+        """
+        n = len(self.rate)
+        matrix = self.rate[:, :n] * duration
+        if float(np.abs(matrix).sum(axis=1).max()) > _SERIES:
+            return self._exponential(z, duration)
+        term = self.rate @ z * duration
+        total = z[:n] + term
+        for k in range(2, _TERMS):
+            term = matrix @ term / k
+            total += term
+            if np.abs(term).max() <= _NEGLIGIBLE * np.abs(total).max():
+                break
+        return np.asarray(total, dtype=np.float64)
+
+    def _exponential(self, z: FloatArray, duration: float) -> FloatArray:
         from scipy.linalg import expm
 
         n = len(self.rate)

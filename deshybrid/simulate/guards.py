@@ -9,7 +9,7 @@ root; a slope that turns towards zero and back is searched for its extremum firs
 found too.  What is missed: more than one extremum within one sub-step, which the choice of sub-steps rules out for
 oscillations of the model's own (16 sub-steps a period).  Roots are found to rounding.
 
-Two products of a matrix and a vector for each stretch, and some 10 matrix exponentials for each root.
+Some products of a matrix and a vector for each stretch, and some hundreds for each root.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence

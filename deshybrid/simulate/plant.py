@@ -108,6 +108,8 @@ class Plant:
             for tick in range(len(self.drive.time)):
                 stop = self._pass(tick)
                 if stop is not None:
+                    if self.sampled == tick and stop.kind != "crowded":
+                        self._sample(tick)  # it stopped in the very instant of this tick
                     return stop
         return None
 
@@ -150,8 +152,6 @@ class Plant:
             last = tick == len(self.drive.time) - 1
             decision = Decision(self.drive.tick) if last else self._decide(tick, offset)
             if decision.stop is not None:
-                if not sampled and decision.until <= self._close:
-                    self._sample(tick)
                 return decision.stop
             if not sampled and not (decision.due and decision.until <= self._close):
                 self._sample(tick)
@@ -159,8 +159,7 @@ class Plant:
             if last:
                 return None
             if not self._advance(tick, decision.until - offset):
-                message = f"the state of location `{self.mode.location.name}` grows beyond all numbers"
-                return Stop("unstable", self._time(tick), message, self.mode.location.span)
+                return self._unstable(self._time(tick))
             offset = decision.until
             if decision.due:
                 stop = self._fire(decision, self._time(tick, offset), tick + sampled)
@@ -183,7 +182,12 @@ class Plant:
             self.x = self.mode.flow.whole @ self._point(tick)
         elif duration > 0.0:
             self.x = self.mode.flow.after(self._point(tick), duration)
-        return bool((np.abs(self.x) < _LARGEST).all())
+        return _is_within(self.x)
+
+    def _unstable(self, now: float) -> Stop:
+        location = self.mode.location
+        message = f"the state of location `{location.name}` grows beyond all numbers"
+        return Stop("unstable", now, message, location.span)
 
     def _decide(self, tick: int, offset: float) -> Decision:
         """What happens first between `offset` and the next tick."""
@@ -262,11 +266,13 @@ class Plant:
         if self.switches and now - self.switches[-1].time <= self._close:
             message = f"`{taken.event}` would follow `{self.switches[-1].event}` in the same instant"
             return Stop("simultaneous", now, message, taken.span)
+        x = self.x if taken.reset is None else taken.reset.matrix @ self.x + taken.reset.offset
+        if not _is_within(x):
+            return self._unstable(now)
+        self.x = x
         output = taken.outputs[self.agenda.choose(len(taken.outputs))]
         self.switches.append(Switch(now, taken.event, taken.source, taken.target, output))
         self.agenda.meet(taken.event, now + self._close)
-        if taken.reset is not None:
-            self.x = taken.reset.matrix @ self.x + taken.reset.offset
         self._enter(self.modes[taken.target], now)
         return self._zeno(now, taken) or self._show(output, now, tick, taken)
 
@@ -298,3 +304,8 @@ class Plant:
         accumulation = now + float(stays[-1]) * ratio / (1.0 - ratio)
         message = f"Zeno behaviour, the stays shrink by {ratio:.3g} and accumulate at about {accumulation:.6g} s"
         return Stop("zeno", now, message, taken.span)
+
+
+def _is_within(x: FloatArray) -> bool:
+    """False for NaN too."""
+    return bool((np.abs(x) < _LARGEST).all())

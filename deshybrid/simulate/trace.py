@@ -69,7 +69,8 @@ class Trace:
 
     def __repr__(self) -> str:
         seen = sum(event is not None for event in self.events)
-        return f"Trace({self.system.name}: {len(self)} rows, {self.time[0]:g} s to {self.time[-1]:g} s, {seen} events)"
+        span = f", {self.time[0]:g} s to {self.time[-1]:g} s" if len(self) else ""
+        return f"Trace({self.system.name}: {len(self)} rows{span}, {seen} events)"
 
 
 def read_trace(path: str | Path, system: HybridSystem, *, step: float | None = None) -> Trace:

@@ -278,6 +278,15 @@ def test_two_guards_at_one_instant_stop_the_run():
     assert "`one` and `two`" in run.stop.message
 
 
+def test_run_that_cannot_begin_has_the_row_of_its_beginning():
+    transitions = (
+        "  - {from: a, to: b, event: one, guard: 'x >= -1'}\n  - {from: a, to: a, event: two, guard: 'x <= 1'}\n"
+        "  - {from: b, to: a, event: back}"
+    )
+    run = _stopped(_model(TWO % "", transitions, START % ""))
+    assert (run.stop.kind, run.stop.time, len(run.trace)) == ("simultaneous", 0.0, 1)
+
+
 def test_guard_that_holds_on_entry_stops_the_run():
     transitions = (
         "  - {from: a, to: b, event: one, guard: 'x >= 1.03'}\n  - {from: b, to: a, event: two, guard: 'x >= 0.5'}"
