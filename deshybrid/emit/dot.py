@@ -107,7 +107,7 @@ def _defaults(picture: Picture) -> list[str]:
         "bgcolor": "white",
         "pad": "0.15",
         "nodesep": "0.35",
-        "ranksep": "0.9" if star else "0.55",
+        "ranksep": "1.3" if star else "0.55",
         "fontname": _FONT,
         "fontsize": "11",
         "fontcolor": _INK,
@@ -182,7 +182,8 @@ def _start_arrows(picture: Picture) -> list[str]:
     for number in picture.initial:
         node = picture.nodes[number].id
         lines.append(f'  start_{node} [id="start_{node}", shape="point", width="0.08", label="", tooltip="start"]')
-        lines.append(f'  start_{node} -> {node} [id="start_arrow_{node}", tooltip="start"]')
+        length = ', minlen="0"' if _is_star(picture) else ""
+        lines.append(f'  start_{node} -> {node} [id="start_arrow_{node}", tooltip="start"{length}]')
     return lines
 
 
@@ -198,12 +199,12 @@ def _caption(picture: Picture) -> str:
 def _legend(picture: Picture) -> list[tuple[str, str]]:
     """Only what occurs is explained."""
     entries = []
-    if any(node.persistent for node in picture.nodes):
+    if any(node.persistent and not node.failing for node in picture.nodes):
         entries.append((_cell(_BLUE, _PALE_BLUE, "solid"), "persistent: can be visited again and again"))
     if any(not node.persistent for node in picture.nodes):
         entries.append((_cell(_GREY, "white", "dashed"), "transient: left for good after a while"))
     if any(node.failing for node in picture.nodes):
-        text = "octagon: breaks C2, the location stays ambiguous"
+        text = "octagon: persistent, and breaks C2: stays ambiguous"
         entries.append((_cell(_RED, _PALE_ORANGE, "solid"), text))
     present = {arc.style for arc in picture.arcs}
     for style, meaning in _ARC_MEANING.items():
