@@ -172,6 +172,7 @@ def _content(
         gains=design.gains,
         certificates=design.certificates,
         ultimate=design.ultimate,
+        lower_limit=design.lower_limit,
         tables=None if observer is None else observer.tables,
         real=wishes.real,
         files=names,

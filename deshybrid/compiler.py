@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from deshybrid.des.automaton import DES
 from deshybrid.des.observability import ObservabilityReport, check_observability
-from deshybrid.des.verdicts import verdict_diagnostics
+from deshybrid.des.verdicts import unrecoverable
 from deshybrid.diagnostics import Diagnostic, GainError, UsageError, diagnostic
 from deshybrid.model.abstraction import abstract
 from deshybrid.model.load import load
@@ -80,7 +80,7 @@ class Recovery:
             return ()
         left_out = tuple(verdict.reason for entry in self.candidates for verdict in entry.excluded)
         notes = tuple(f"no signature: {reason}" for reason in left_out)
-        return tuple(replace(d, notes=d.notes + notes, helps=()) for d in verdict_diagnostics(self.plan.report))
+        return tuple(replace(d, notes=d.notes + notes) for d in unrecoverable(self.plan.report))
 
     def __str__(self) -> str:
         return str(self.plan)
@@ -245,8 +245,7 @@ def recover(source: Source, *, max_states: int = MAX_STATES) -> Recovery:
     else:
         system, des = model, abstract(model)
         candidates = signature_candidates(model, des)
-    feasible = tuple(entry.candidate for entry in candidates if entry.candidate.transitions)
-    plan = recover_observability(des, feasible, max_states=max_states)
+    plan = recover_observability(des, tuple(entry.candidate for entry in candidates), max_states=max_states)
     return Recovery(system, check_observability(des, max_states=max_states), candidates, plan)
 
 
