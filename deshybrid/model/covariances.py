@@ -20,6 +20,8 @@ from deshybrid.model.system import Prior
 from deshybrid.model.tree import SequenceNode
 
 _ROUNDING = 1e-9
+_ROW = "a row is written {from: {to: p}}: the chances of where the next step leads"
+_TRANSPOSED = "the columns sum to 1 instead: write {from: {to: p}}, the other way round"
 
 
 def covariance(field: Field | None, title: str, extent: Extent, problems: Problems) -> FloatArray | None:
@@ -73,9 +75,12 @@ def build_chain(
             text = f"`transition_probability` has no row for location `{name}`"
             helps = (f"write `{name}: {{...}}`; to stay for ever is `{name}: {{{name}: 1}}`",)
             problems.add(diagnostic("DH0209", text, field.span, helps=helps))
+    chain = {name: _probabilities(row) for name, row in rows}
+    sums = [sum(row.get(name, 0.0) for row in chain.values()) for name in locations]
+    transposed = all(abs(total - 1.0) <= _ROUNDING for total in sums)
     for name, row in rows:
-        _check_sum(row, f"the probabilities from location `{name}`", problems)
-    return MappingProxyType({name: _probabilities(row) for name, row in rows})
+        _check_sum(row, f"the probabilities from location `{name}`", _TRANSPOSED if transposed else _ROW, problems)
+    return MappingProxyType(chain)
 
 
 def build_prior(model: Fields, channels: Channels, locations: tuple[str, ...], problems: Problems) -> Prior | None:
@@ -89,7 +94,7 @@ def build_prior(model: Fields, channels: Channels, locations: tuple[str, ...], p
     row = prior.get("probability")
     if row is None:
         return Prior(mean, spread)
-    _check_sum(row, "the prior probabilities", problems)
+    _check_sum(row, "the prior probabilities", "one number for each location", problems)
     given = _probabilities(row)
     return Prior(mean, spread, MappingProxyType({name: given.get(name, 0.0) for name in locations}))
 
@@ -98,11 +103,11 @@ def _probabilities(row: Field) -> Mapping[str, float]:
     return MappingProxyType({name: part.number for name, part in row.fields if part.number is not None})
 
 
-def _check_sum(row: Field, what: str, problems: Problems) -> None:
+def _check_sum(row: Field, what: str, advice: str, problems: Problems) -> None:
     total = sum(_probabilities(row).values())
     if abs(total - 1.0) > _ROUNDING:
-        helps = ("a row is written {from: {to: p}}; its numbers are the chances of where the next step leads",)
-        problems.add(diagnostic("DH0209", f"{what} do not sum to 1", row.span, f"sum {total:.12g}", helps=helps))
+        label = f"sum {total:.12g}"
+        problems.add(diagnostic("DH0209", f"{what} do not sum to 1", row.span, label, helps=(advice,)))
 
 
 __all__ = ["build_chain", "build_prior", "covariance"]

@@ -33,7 +33,7 @@ from deshybrid.model.kinds import (
     Word,
 )
 from deshybrid.model.naming import check_declared, check_known
-from deshybrid.model.problems import Problems, did_you_mean, nearest
+from deshybrid.model.problems import MOST_MESSAGES, Problems, did_you_mean, nearest
 from deshybrid.model.scalars import condition_of, number_of, pole_of
 from deshybrid.model.scope import Scope
 from deshybrid.model.shapes import count
@@ -195,7 +195,9 @@ class _Decoder:
 
     def _unknown_key(self, key: ScalarNode, known: dict[str, Key]) -> str:
         """Report the key; return the one that was probably meant, which is then not reported as missing."""
-        meant, helps = nearest(key.text, known), did_you_mean(key.text, known)
+        meant, helps = "", tuple[str, ...]()
+        if len(self._problems.found) < MOST_MESSAGES:  # what will not be listed is not compared
+            meant, helps = nearest(key.text, known), did_you_mean(key.text, known)
         if ":" in key.text and key.plain and key.text.partition(":")[0] in known:
             meant, helps = key.text.partition(":")[0], ("write a space after the colon",)
         self._problems.add(diagnostic("DH0111", f"unknown key `{key.text}`", key.span, helps=helps))
@@ -214,7 +216,7 @@ class _Decoder:
             if kind.declares:
                 check_declared(entry.key, kind.role, self._problems)
             else:
-                check_known(entry.key, kind.role, self._scope.names, self._problems)
+                check_known(entry.key, kind.role, self._scope.known, self._problems)
             fields[name] = self.field(entry.value, kind.value, name, entry.key)
         return Fields(fields)
 
@@ -242,7 +244,7 @@ class _Decoder:
         if kind.declares:
             check_declared(node, kind.role, self._problems)
         else:
-            check_known(node, kind.role, self._scope.names, self._problems)
+            check_known(node, kind.role, self._scope.known, self._problems)
         return node.text
 
     def _word(self, node: ScalarNode, kind: Word, what: str) -> str:

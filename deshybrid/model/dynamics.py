@@ -15,7 +15,7 @@ from deshybrid.linear.dynamics import LinearDynamics
 from deshybrid.model.channels import Channels
 from deshybrid.model.fields import Fields
 from deshybrid.model.problems import Problems
-from deshybrid.model.shapes import Expected, Extent, checked
+from deshybrid.model.shapes import Expected, Extent, checked, count
 
 _TITLES = {
     "A": "dynamics matrix",
@@ -30,7 +30,7 @@ _TITLES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sizes:
-    """The extents of one location: state (as its A says), inputs, outputs, disturbances."""
+    """The extents of one location: state, inputs, outputs, disturbances."""
 
     state: Extent
     inputs: Extent
@@ -52,10 +52,10 @@ def sizes_of(keys: Fields, channels: Channels, inputs: tuple[str, ...], outputs:
     state = channels.state()
     written = keys.get("A")
     array = None if written is None else written.array
-    if written is not None and array is not None and array.ndim == 2 and array.shape[0] == array.shape[1]:
-        size = array.shape[0]
-        noun = "component" if size == 1 else "components"
-        state = Extent(size, state.item, written.span, f"`A` is ({size}, {size}), so the state has {size} {noun}")
+    size = state.size
+    if written is not None and array is not None and array.shape == (size, size):
+        fact = f"`A` is ({size}, {size}), so the state has {count(size, 'component')}"
+        state = Extent(size, state.item, written.span, fact)
     spans: dict[str, Span | None] = {key: field.span for key, field in keys if key in ("input", "output")}
     return Sizes(
         state,
@@ -76,7 +76,8 @@ def build_dynamics(written: Written, channels: Channels, sizes: Sizes, problems:
         "f": (sizes.state, None),
         "g": (sizes.outputs, None),
     }
-    _check_disturbances(written, channels, problems)
+    if not _disturbances_fit(written, channels, problems):
+        del shapes["E"]
     arrays: dict[str, FloatArray | None] = {}
     for key, (rows, columns) in shapes.items():
         expected = Expected(_TITLES[key], key, written.where, rows, columns)
@@ -84,8 +85,10 @@ def build_dynamics(written: Written, channels: Channels, sizes: Sizes, problems:
             arrays[key] = _missing(expected, written.place, problems)
         else:
             arrays[key] = checked(written.keys.get(key), expected, problems)
+        if key == "A" and arrays[key] is None:
+            return None  # what does not fit to a wrong A says nothing more
     found = {key: array for key, array in arrays.items() if array is not None}
-    return LinearDynamics(**found) if len(found) == len(shapes) else None
+    return LinearDynamics(**found) if len(found) == len(_TITLES) else None
 
 
 def _missing(expected: Expected, place: Span | None, problems: Problems) -> FloatArray | None:
@@ -102,7 +105,7 @@ def _missing(expected: Expected, place: Span | None, problems: Problems) -> Floa
     return frozen_array(np.zeros((rows.size, columns.size)), (rows.size, columns.size))
 
 
-def _check_disturbances(written: Written, channels: Channels, problems: Problems) -> None:
+def _disturbances_fit(written: Written, channels: Channels, problems: Problems) -> bool:
     where, matrix, declared = written.where, written.keys.get("E"), channels.spans.get("disturbance")
     number = len(channels.disturbances)
     if matrix is not None and declared is None:
@@ -113,6 +116,9 @@ def _check_disturbances(written: Written, channels: Channels, problems: Problems
         context = ((declared, f"`disturbance` names {number}, the state has {len(channels.states)} components"),)
         helps = ("write `E` here or under `defaults`, with one column per disturbance",)
         problems.add(diagnostic("DH0212", text, written.place, "expected `E`", context=context, helps=helps))
+    else:
+        return True
+    return False
 
 
 __all__ = ["Sizes", "build_dynamics", "sizes_of"]

@@ -12,7 +12,7 @@ Recursive descent, one token ahead, at most 50 levels deep and 2,000 characters 
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 LONGEST_TEXT = 2_000
@@ -295,8 +295,7 @@ class _Parser:
             return self._call(token) if self._accept("(") else Name(token.text, token.start, token.end)
         if self._accept("("):
             tree = self._deeper(self._inner, token)
-            self._expect(")")
-            return tree
+            return replace(tree, start=token.start, end=self._expect(")").end)
         raise self._unexpected("expected a number, a name or `(` here")
 
     def _call(self, function: _Token) -> Expression:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from deshybrid.diagnostics import diagnostic
 from deshybrid.model.kinds import Role
-from deshybrid.model.problems import Problems, did_you_mean
+from deshybrid.model.problems import MOST_MESSAGES, Problems, did_you_mean
 from deshybrid.model.tree import ScalarNode
 
 LONGEST_NAME = 100
@@ -37,19 +37,21 @@ def check_declared(node: ScalarNode, role: Role, problems: Problems) -> None:
         problems.add(diagnostic("DH0117", f"`{text[:LONGEST_NAME]}` cannot name a {role}", node.span, reason))
 
 
-def check_known(node: ScalarNode, role: Role, names: Mapping[Role, tuple[str, ...]], problems: Problems) -> None:
+def check_known(node: ScalarNode, role: Role, names: Mapping[Role, Mapping[str, None]], problems: Problems) -> None:
     """Report DH0201 where a name of that role was not declared; nothing where none of that role is.
 
     >>> from deshybrid.model.source import parse_source
     >>> problems = Problems()
-    >>> check_known(parse_source("to: fil").tree.get("to"), "location", {"location": ("fill", "drain")}, problems)
+    >>> check_known(parse_source("to: fil").tree.get("to"), "location", {"location": {"fill": None}}, problems)
     >>> problems.found[0].message, problems.found[0].helps
     ('unknown location `fil`', ('did you mean `fill`?',))
     """
-    known = names.get(role, ())
+    known = names.get(role, {})
     if node.text in known:
         return
-    if known:
+    if len(problems.found) >= MOST_MESSAGES:
+        helps: tuple[str, ...] = ()  # it will not be listed: spare the comparison
+    elif known:
         helps = did_you_mean(node.text, known)
     elif role == "location":
         return  # the mistake is in `locations`, and is reported there

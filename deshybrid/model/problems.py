@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from deshybrid.diagnostics import Diagnostic, ModelError
 
 MOST_MESSAGES = 50
-_MOST_COMPARED = 2_000
+_MOST_COMPARED = 500
 
 
 @dataclass(slots=True)

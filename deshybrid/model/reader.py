@@ -16,7 +16,7 @@ from deshybrid.diagnostics import Diagnostic, ModelError, SourceText, Span, diag
 from deshybrid.model.problems import Problems
 from deshybrid.model.tree import Entry, MappingNode, Node, ScalarNode, SequenceNode
 
-MOST_NODES = 200_000
+MOST_NODES = 500_000
 MOST_DEPTH = 64
 FORBIDDEN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff]")
 
@@ -101,7 +101,8 @@ class _Builder:
                 self._start_document(event)
             case "ScalarEvent":
                 self._check_tag(event)
-                self._place(self._scalar(event), 1, event.anchor)
+                scalar = self._scalar(event)
+                self._place(scalar, 1, event.anchor, scalar.span)
             case "AliasEvent":
                 self._alias(event)
             case "SequenceStartEvent" | "MappingStartEvent":
@@ -133,9 +134,9 @@ class _Builder:
             node = MappingNode(MappingProxyType(done.entries), place)
         else:
             node = SequenceNode(tuple(done.items), place)
-        self._place(node, done.size, done.anchor)
+        self._place(node, done.size, done.anchor, place)
 
-    def _place(self, node: Node, size: int, anchor: str | None) -> None:
+    def _place(self, node: Node, size: int, anchor: str | None, place: Span) -> None:
         """Put a complete node where it belongs: into the innermost open collection, or as the document."""
         if anchor is not None:
             self._anchors[anchor] = (node, size)
@@ -145,8 +146,8 @@ class _Builder:
         top = self._stack[-1]
         top.size += size
         if top.size > MOST_NODES:
-            text = f"the file holds more than {MOST_NODES} values (aliases count as often as they are used)"
-            raise ModelError(diagnostic("DH0105", text, node.span, helps=("keep big matrices in a .npz file",)))
+            text = f"the file holds more than {MOST_NODES:,} values (aliases count as often as they are used)"
+            raise ModelError(diagnostic("DH0105", text, place, helps=("keep big matrices in a .npz file",)))
         if not top.is_mapping:
             top.items.append(node)
         elif top.awaits_value:
@@ -186,7 +187,7 @@ class _Builder:
         if name not in self._anchors:
             raise ModelError(diagnostic("DH0108", f"alias `*{name}` has no anchor `&{name}` before it", place))
         node, size = self._anchors[name]
-        self._place(node, size, None)
+        self._place(node, size, None, place)
 
     def _scalar(self, event: Any) -> ScalarNode:
         place = self._span(event.start_mark, event.end_mark)
@@ -194,8 +195,8 @@ class _Builder:
         if FORBIDDEN.search(text):
             self.problems.add(diagnostic("DH0103", "a text holds a control character", place, "written as an escape"))
         quote = 0 if event.style is None else 1
-        here = place.source.line(place.line)[place.column - 1 + quote :]
-        verbatim = event.style in (None, "'", '"') and event.anchor is None and here.startswith(text)
+        there = place.source.line(place.line).startswith(text, place.column - 1 + quote)
+        verbatim = there and event.style in (None, "'", '"') and event.anchor is None
         return ScalarNode(text, event.style is None, place, quote if verbatim else None)
 
     def _check_tag(self, event: Any) -> None:

@@ -5,7 +5,7 @@ location it names; parameters are evaluated in order, each in terms of those bef
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from deshybrid.diagnostics import Diagnostic, diagnostic
@@ -31,6 +31,10 @@ class Scope:
     parameters: Parameters
     names: Mapping[Role, tuple[str, ...]]
     folder: Path | None
+    known: Mapping[Role, Mapping[str, None]] = field(init=False, repr=False)  # the same names, quick to look up
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "known", {role: dict.fromkeys(names) for role, names in self.names.items()})
 
     @property
     def has_state(self) -> bool:
