@@ -535,3 +535,23 @@ def test_missing_step_and_a_step_between_those_of_the_model_are_refused():
     for step in (0.3, 0.1):
         with pytest.raises(UsageError):
             simulate(sampled, step=step)
+
+
+DISCRETE = """
+format: deshybrid/1
+name: d
+locations: {p: {dwell: {min: 1, max: 4}}, q: {}}
+transitions: [{from: p, to: q, event: a, emits: α}, {from: q, to: p, event: b, emits: null}]
+simulation: {location: p, duration: 20, requests: [[0.5, a], [3, b], [9, b]]}
+"""
+
+
+def test_requests_of_a_discrete_model_wait_for_the_shortest_stay_and_the_longest_forces():
+    run = simulate(loads(DISCRETE))
+    assert [(s.time, s.event) for s in run.switches] == [(1.0, "a"), (3.0, "b"), (7.0, "a"), (9.0, "b"), (13.0, "a")]
+    assert (run.pending, run.stop) == ((), None)
+
+
+def test_two_requests_at_one_instant_stop_a_discrete_run():
+    run = simulate(loads(DISCRETE.replace("[0.5, a], [3, b], [9, b]", "[3, a], [3, b]")))
+    assert (run.stop.kind, run.stop.time, len(run.switches)) == ("simultaneous", 3.0, 1)
