@@ -116,7 +116,11 @@ def _placed(A: FloatArray, C: FloatArray, poles: ComplexArray, scale: FloatArray
     with warnings.catch_warnings():
         # It warns when the eigenvectors could be made a little more orthogonal; the poles are placed all the same.
         warnings.simplefilter("ignore", UserWarning)
-        found = place_poles((A * scale / scale[:, None]).T, rows.T, wanted)
+        try:
+            found = place_poles((A * scale / scale[:, None]).T, rows.T, wanted)
+        except ValueError as error:
+            message = "these poles lie too close together to be placed in floating point"
+            raise GainError(diagnostic("DH0505", message, helps=("write fewer fast poles, further apart",))) from error
     return np.asarray(scale[:, None] * found.gain_matrix.T @ inverse)
 
 

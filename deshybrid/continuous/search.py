@@ -17,6 +17,7 @@ import numpy as np
 
 from deshybrid.continuous.modes import ModalBasis, decay_rate, modal_basis
 from deshybrid.continuous.placement import place_detectable
+from deshybrid.diagnostics import GainError, diagnostic
 from deshybrid.linear.arrays import ComplexArray, FloatArray
 from deshybrid.linear.observability import KalmanSplit, sorted_spectrum
 
@@ -57,11 +58,14 @@ def default_gain(task: GainTask) -> FloatArray:
     trials: list[_Trial] = []
     for rung in range(RUNGS):
         speed = 1.25 * floor * RATIO**rung
-        level = [_trial(task, poles) for poles in _shapes(task.split, speed, task.step)]
+        tried = [_trial(task, poles) for poles in _shapes(task.split, speed, task.step)]
+        level = [trial for trial in tried if trial is not None]
         good = [trial for trial in level if trial.needed <= task.dwell]
         if good:
             return min(good, key=lambda trial: trial.size).gain
         trials += level
+    if not trials:
+        raise GainError(diagnostic("DH0509", "no gain was found whose poles can be placed in floating point"))
     least = min(trial.needed for trial in trials)
     near = [trial for trial in trials if trial.needed <= 1.1 * least]
     return min(near, key=lambda trial: trial.size).gain
@@ -136,8 +140,12 @@ def _moved_left(own: ComplexArray, speed: float, step: float | None) -> ComplexA
     return np.array(moved[: len(own)], dtype=np.complex128)
 
 
-def _trial(task: GainTask, poles: ComplexArray) -> _Trial:
-    gain = place_detectable(task.split, poles, task.scale)
+def _trial(task: GainTask, poles: ComplexArray) -> _Trial | None:
+    """One gain with what it needs and its size, or None where floating point cannot place these poles."""
+    try:
+        gain = place_detectable(task.split, poles, task.scale)
+    except GainError:
+        return None
     basis = modal_basis(task.A - gain @ task.C, task.scale, step=task.step, improve=False)
     weights = np.linalg.norm(task.C * task.scale, axis=1)
     size = float(np.linalg.norm(gain * weights / task.scale[:, None], 2))

@@ -1,7 +1,7 @@
 """One location between two samples: exact discretisation with inputs held constant.
 
-In: continuous-time dynamics and a step h in seconds.  Out: the same values in discrete time.  One matrix exponential of
-a block matrix gives the flow and the integrals together, also where A is singular.
+In: continuous-time dynamics and a step h in seconds.  Out: the same values in discrete time.  One matrix exponential
+of a block matrix gives the flow and the integrals together, also where A is singular.
 
 Source: Van Loan (1978), Computing integrals involving the matrix exponential.
 """

@@ -1,0 +1,123 @@
+"""The JSON form of a continuous design: what `design --json` prints and `verify` checks.
+
+In: gains, certificates, ultimate bound, lower limit.  Out: a tree of plain numbers, strings and lists.  Numbers are
+the very doubles that were certified (JSON round-trips them); an infinite number is null, a complex one [re, im].  The
+part `system` repeats the matrices that the verifier needs, so that it never opens the model.
+"""
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deshybrid.continuous.cycles import DwellLowerLimit
+from deshybrid.continuous.dwell import DwellTimeCertificate
+from deshybrid.continuous.error import dynamics_of, error_resets
+from deshybrid.continuous.gains import ObserverGains
+from deshybrid.continuous.ultimate import UltimateBound
+from deshybrid.linear.arrays import ComplexArray, FloatArray
+from deshybrid.model.system import HybridSystem
+
+
+def design_document(
+    system: HybridSystem,
+    gains: ObserverGains,
+    certificates: Sequence[DwellTimeCertificate],
+    ultimate: UltimateBound | None = None,
+    *,
+    lower_limit: DwellLowerLimit | None = None,
+    detection_delay: Mapping[str, float | None] | None = None,
+    determinability: Mapping[str, object] | None = None,
+) -> dict[str, object]:
+    """Return the design as a JSON tree; keys as in the documentation of `design`, in that order, extras after them.
+
+    `required_dwell` is that of the last certificate in continuous time (of the last one where there is none).
+    """
+    plain = [entry for entry in certificates if not entry.theorem.endswith("-sampled")] or list(certificates)
+    cycle = None if lower_limit is None else lower_limit.cycle
+    return {
+        "gains": {name: _rows(gain) for name, gain in gains.gains.items()},
+        "eigenvalues": {name: _complex(values) for name, values in gains.eigenvalues.items()},
+        "condition": {name: _finite(kappa) for name, kappa in gains.condition.items()},
+        "certificates": [certificate_record(entry) for entry in certificates],
+        "required_dwell": _finite(plain[-1].required_dwell) if plain else None,
+        "dwell_lower_limit": None if lower_limit is None else _finite(lower_limit.value),
+        "witness_cycle": None
+        if cycle is None
+        else {"locations": list(cycle.locations), "stays": list(cycle.stays), "growth": _finite(cycle.growth)},
+        "ultimate_bound": None if ultimate is None else _finite(ultimate.value),
+        "detection_delay": dict(detection_delay or {}),
+        "determinability": None if determinability is None else dict(determinability),
+        "rate": gains.rate,
+        "requested_rate": gains.requested_rate,
+        "method": gains.method,
+        "gain_sources": dict(gains.sources),
+        "fixed_modes": {name: _complex(modes) for name, modes in gains.fixed_modes.items() if len(modes)},
+        "ultimate_bound_by_state": _by_state(system, ultimate),
+        "ultimate_bound_reason": None if ultimate is None else ultimate.reason,
+        "system": _system_record(system, gains.locations),
+    }
+
+
+def certificate_record(certificate: DwellTimeCertificate) -> dict[str, object]:
+    """Return one certificate with all that proves it: T, the scale of the norm, and the terms of (20)."""
+    record: dict[str, object] = {
+        "theorem": certificate.theorem,
+        "rate": certificate.rate,
+        "dwell": _finite(certificate.dwell),
+        "delay": certificate.delay,
+        "holds": certificate.holds,
+        "P": None if certificate.P is None else {name: _rows(matrix) for name, matrix in certificate.P.items()},
+        "required_dwell": _finite(certificate.required_dwell),
+        "reason": certificate.reason,
+        "step": certificate.step,
+        "scale": certificate.scale.tolist(),
+        "terms": {
+            name: {
+                "alpha": _finite(term.alpha),
+                "kappa": _finite(term.kappa),
+                "r": term.r,
+                "required": _finite(term.required),
+            }
+            for name, term in certificate.terms.items()
+        },
+        "T": {name: [_complex(row) for row in basis] for name, basis in certificate.T.items()},
+    }
+    if certificate.theorem.endswith("-sampled"):
+        record["matrices"] = {name: _rows(matrix) for name, matrix in certificate.matrices.items()}
+    return record
+
+
+def _system_record(system: HybridSystem, locations: tuple[str, ...]) -> dict[str, object]:
+    pairs = [(name, dynamics_of(system, name)) for name in locations]
+    return {
+        "time_step": system.time_step,
+        "states": list(system.state_names),
+        "locations": {name: {"A": _rows(dynamics.A), "C": _rows(dynamics.C)} for name, dynamics in pairs},
+        "resets": [
+            {"from": reset.source, "to": reset.target, "matrix": _rows(reset.matrix)}
+            for reset in error_resets(system, locations)
+        ],
+    }
+
+
+def _by_state(system: HybridSystem, ultimate: UltimateBound | None) -> dict[str, float] | None:
+    if ultimate is None or ultimate.by_state is None:
+        return None
+    return dict(zip(system.state_names, ultimate.by_state.tolist(), strict=True))
+
+
+def _rows(matrix: FloatArray) -> list[list[float]]:
+    return [[float(value) for value in row] for row in matrix]
+
+
+def _complex(values: ComplexArray | NDArray[np.complex128]) -> list[list[float]]:
+    return [[float(value.real), float(value.imag)] for value in values]
+
+
+def _finite(value: float | None) -> float | None:
+    return float(value) if value is not None and isfinite(value) else None
+
+
+__all__ = ["certificate_record", "design_document"]

@@ -1,0 +1,220 @@
+"""The parts of a `design.json` that a checker needs, read into exact numbers; nothing in the file is trusted.
+
+In: a path, a compiled folder or "-", and then the JSON tree.  Out: the plant (A, C, resets, gains) and the claims of
+its certificates, shapes and finiteness checked.  (It lives here because the verifier may import nothing but linear
+algebra.)  Every malformed part is a `UsageError` (DH0511) that names its path in the tree.
+"""
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from math import isfinite
+from pathlib import Path
+from typing import NamedTuple, NoReturn
+
+from deshybrid.diagnostics import LimitReached, UsageError, diagnostic
+from deshybrid.linear.exact import Rational, combined, product
+
+LARGEST_FILE = 64_000_000
+LARGEST_STATE = 40
+
+
+class Jump(NamedTuple):
+    """One reset R¹_ij."""
+
+    source: str
+    target: str
+    matrix: Rational
+
+
+class Term(NamedTuple):
+    """What a certificate says of one location."""
+
+    alpha: Fraction
+    kappa: Fraction
+    r: Fraction
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plant:
+    """A and C by location, gains, resets, and the step of a system in discrete time."""
+
+    locations: Mapping[str, tuple[Rational, Rational]]
+    gains: Mapping[str, Rational]
+    resets: tuple[Jump, ...]
+    time_step: Fraction | None
+
+    def error_matrix(self, name: str) -> Rational:
+        """Return A - G C, exactly."""
+        A, C = self.locations[name]
+        return combined(A, product(self.gains[name], C), -1) if C else A
+
+    def exits(self, name: str) -> tuple[Jump, ...]:
+        """Return the resets that leave a location."""
+        return tuple(jump for jump in self.resets if jump.source == name)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Claim:
+    """One certificate; `bases`: real and imaginary part of T; `required`: None where the file says null."""
+
+    name: str
+    theorem: str
+    holds: bool
+    rate: Fraction
+    dwell: Fraction
+    delay: Fraction
+    required: Fraction | None
+    step: Fraction | None
+    scale: tuple[Fraction, ...]
+    terms: Mapping[str, Term]
+    bases: Mapping[str, tuple[Rational, Rational]]
+    matrices: Mapping[str, Rational]
+
+
+def read_design(path: str) -> Mapping[str, object]:
+    """Return the tree of a design file, of the `design.json` in a compiled folder, or of standard input ("-").
+
+    Raises `UsageError` (DH0511) where there is no such file, or it is not JSON, or its numbers are not finite.
+    """
+    try:
+        if path == "-":
+            text = sys.stdin.read(LARGEST_FILE + 1)
+        else:
+            place = Path(path) / "design.json" if Path(path).is_dir() else Path(path)
+            with place.open(encoding="utf-8") as file:
+                text = file.read(LARGEST_FILE + 1)
+    except (OSError, UnicodeDecodeError) as error:
+        _refuse(f"`{path}` cannot be read: {getattr(error, 'strerror', None) or 'it is not UTF-8 text'}")
+    if len(text) > LARGEST_FILE:
+        _refuse(f"`{path}` is longer than {LARGEST_FILE // 1_000_000} million characters")
+    try:
+        tree = json.loads(text, parse_constant=_no_constant)
+    except (ValueError, RecursionError) as error:
+        _refuse(f"`{path}` is not JSON: {error}")
+    if not isinstance(tree, dict):
+        _refuse(f"`{path}` holds no JSON object")
+    return tree
+
+
+def read_plant(document: Mapping[str, object]) -> Plant:
+    """Return the matrices of the persistent locations, with their gains."""
+    system = _mapping(document, "system", "design")
+    places = _mapping(system, "locations", "system")
+    locations: dict[str, tuple[Rational, Rational]] = {}
+    gains: dict[str, Rational] = {}
+    given = _mapping(document, "gains", "design")
+    for name, value in places.items():
+        entry = _as_mapping(value, f"system.locations.{name}")
+        A = _matrix(entry.get("A"), f"system.locations.{name}.A")
+        n = len(A)
+        if n > LARGEST_STATE:
+            raise LimitReached(diagnostic("DH0512", f"`{name}` has {n} states, exact checks stop at {LARGEST_STATE}"))
+        _require(n > 0 and all(len(row) == n for row in A), f"system.locations.{name}.A", "a square matrix")
+        C = _matrix(entry.get("C"), f"system.locations.{name}.C", columns=n)
+        locations[name] = A, C
+        gains[name] = _matrix(given.get(name), f"gains.{name}", columns=len(C), rows=n)
+    _require(len({len(A) for A, _ in locations.values()}) == 1, "system.locations", "locations with equal states")
+    step = system.get("time_step")
+    jumps = _jumps(system, locations)
+    return Plant(locations, gains, jumps, None if step is None else _number(step, "system.time_step"))
+
+
+def read_claims(document: Mapping[str, object], plant: Plant) -> tuple[Claim, ...]:
+    """Return the certificates, in the order of the file."""
+    entries = document.get("certificates")
+    if not isinstance(entries, list):
+        _refuse("`certificates` is not a list")
+    return tuple(_claim(_as_mapping(e, f"certificates[{k}]"), k, plant) for k, e in enumerate(entries))
+
+
+def _jumps(system: Mapping[str, object], locations: Mapping[str, tuple[Rational, Rational]]) -> tuple[Jump, ...]:
+    entries = system.get("resets")
+    if not isinstance(entries, list):
+        _refuse("`system.resets` is not a list")
+    jumps = []
+    for k, value in enumerate(entries):
+        entry, where = _as_mapping(value, f"system.resets[{k}]"), f"system.resets[{k}]"
+        source, target = entry.get("from"), entry.get("to")
+        _require(source in locations and target in locations, where, "`from` and `to` that name locations")
+        n = len(next(iter(locations.values()))[0])
+        jumps.append(Jump(str(source), str(target), _matrix(entry.get("matrix"), where, columns=n, rows=n)))
+    return tuple(jumps)
+
+
+def _claim(entry: Mapping[str, object], number: int, plant: Plant) -> Claim:
+    where, theorem, holds = f"certificates[{number}]", entry.get("theorem"), entry.get("holds")
+    name = f"certificate {number + 1} ({theorem})"
+    _require(isinstance(theorem, str), f"{where}.theorem", "a text")
+    _require(isinstance(holds, bool), f"{where}.holds", "true or false")
+    if not holds:
+        zero = Fraction()
+        return Claim(name, str(theorem), False, zero, zero, zero, None, None, (), {}, {}, {})
+    n = len(next(iter(plant.locations.values()))[0])
+    scale = _matrix([entry.get("scale")], f"{where}.scale", columns=n)[0]
+    terms, bases, matrices = {}, {}, {}
+    for location in plant.locations:
+        place = f"{where}.terms.{location}"
+        term = _mapping(_mapping(entry, "terms", where), location, f"{where}.terms")
+        terms[location] = Term(*(_number(term.get(key), f"{place}.{key}") for key in ("alpha", "kappa", "r")))
+        bases[location] = _complex_matrix(_mapping(entry, "T", where).get(location), f"{where}.T.{location}", n)
+        if str(theorem).endswith("-sampled"):
+            made = _mapping(entry, "matrices", where).get(location)
+            matrices[location] = _matrix(made, f"{where}.matrices.{location}", columns=n, rows=n)
+    rate, dwell, delay = (_number(entry.get(key), f"{where}.{key}") for key in ("rate", "dwell", "delay"))
+    required, step = entry.get("required_dwell"), entry.get("step")
+    wanted = None if required is None else _number(required, f"{where}.required_dwell")
+    tick = None if step is None else _number(step, f"{where}.step")
+    _require(tick is None or tick > 0, f"{where}.step", "a positive step or null")
+    return Claim(name, str(theorem), True, rate, dwell, delay, wanted, tick, scale, terms, bases, matrices)
+
+
+def _complex_matrix(value: object, where: str, n: int) -> tuple[Rational, Rational]:
+    if not isinstance(value, list) or len(value) != n:
+        _refuse(f"`{where}`: expected {n} rows of pairs [re, im]")
+    rows = [_matrix(row, f"{where}[{k}]", columns=2, rows=n) for k, row in enumerate(value)]
+    return tuple(tuple(pair[0] for pair in row) for row in rows), tuple(tuple(pair[1] for pair in row) for row in rows)
+
+
+def _matrix(value: object, where: str, *, columns: int | None = None, rows: int | None = None) -> Rational:
+    if not isinstance(value, list) or not all(isinstance(row, list) for row in value):
+        _refuse(f"`{where}` is not a matrix")
+    _require(rows is None or len(value) == rows, where, f"{rows} rows")
+    _require(columns is None or all(len(row) == columns for row in value), where, f"{columns} columns")
+    return tuple(tuple(_number(entry, where) for entry in row) for row in value)
+
+
+def _number(value: object, where: str) -> Fraction:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+        _refuse(f"`{where}` holds something else than finite numbers")
+    return Fraction(value)
+
+
+def _mapping(tree: Mapping[str, object], key: str, where: str) -> Mapping[str, object]:
+    return _as_mapping(tree.get(key), f"{where}.{key}")
+
+
+def _as_mapping(value: object, where: str) -> Mapping[str, object]:
+    if not isinstance(value, Mapping):
+        _refuse(f"`{where}` is missing or no JSON object")
+    return value
+
+
+def _require(condition: bool, where: str, expected: str) -> None:
+    if not condition:
+        _refuse(f"`{where}`: expected {expected}")
+
+
+def _no_constant(text: str) -> NoReturn:
+    raise ValueError(f"{text} is not a number of JSON")
+
+
+def _refuse(message: str) -> NoReturn:
+    raise UsageError(
+        diagnostic("DH0511", f"not a design: {message}", helps=("write it with `deshybrid design --json`",))
+    )
+
+
+__all__ = ["Claim", "Jump", "Plant", "Term", "read_claims", "read_design", "read_plant"]

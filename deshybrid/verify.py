@@ -1,0 +1,219 @@
+"""Check the claims of a design in exact arithmetic, without the code that made them.
+
+In: the JSON tree of `design.json`.  Out: a report, one entry per inequality.  The idea: a certificate says
+‖e^{F t}‖ <= κ e^{α t} in the norm ‖S⁻¹ ·‖₂, S = diag(scale), and shows a basis T for it.  With Q = Re(T Tᴴ), of which
+nothing has to be assumed, this follows from matrix inequalities between doubles, read as the rational numbers they are
+and checked by exact elimination, F = A - G C included:
+
+    b I <= S⁻¹ Q S⁻¹ <= a I with a <= κ² b      and      Q Fᵀ + F Q <= 2 α Q   (sampled: M Q Mᵀ <= e^{2 α h} Q),
+    R S² Rᵀ <= r² S²  for every reset R that leaves the location,
+
+and then (20): α <= -μ, and r κ <= 1 or r κ <= e^{-(α + μ)(D - Δ)}.  A rational lower bound stands for the
+exponential.  There is no tolerance: a claim that misses by one part in 10¹⁶ is refused (its maker rounds up to leave
+room).  Only the sampled matrices M are compared with the gains they were made from, to one part in 10⁹.
+
+Source: Balluchi et al. (2012), (20) and the appendix; LDLᵀ over the rationals.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from math import ceil
+from typing import NamedTuple
+
+from deshybrid.linear.design_file import Claim, Plant, read_claims, read_design, read_plant
+from deshybrid.linear.exact import (
+    Rational,
+    combined,
+    diagonal,
+    exponential_below,
+    is_positive_semidefinite,
+    matrix_exponential,
+    product,
+    scaled,
+    transposed,
+)
+
+PART_OF_A_STEP = Fraction(1, 10**6)
+SAME = Fraction(1, 10**9)
+THEOREMS = ("B12-6", "B12-7", "B12-6-sampled", "B12-7-sampled")
+
+
+class Check(NamedTuple):
+    """One inequality: the certificate and location it belongs to, what it says, and whether it was proved."""
+
+    certificate: str
+    location: str
+    inequality: str
+    proved: bool
+
+
+@dataclass(frozen=True, slots=True)
+class VerifyReport:
+    """What was proved.  `silent`: certificates that do not claim to hold, of which nothing was checked.
+
+    `holds`: at least one certificate claims to hold, and every inequality of those that do was proved.
+    """
+
+    checks: tuple[Check, ...]
+    silent: tuple[str, ...]
+
+    @property
+    def holds(self) -> bool:
+        """True where something is claimed and all that is claimed is proved."""
+        return bool(self.checks) and all(check.proved for check in self.checks)
+
+    @property
+    def refused(self) -> tuple[Check, ...]:
+        """The inequalities that could not be proved."""
+        return tuple(check for check in self.checks if not check.proved)
+
+    def record(self) -> dict[str, object]:
+        """Return the report as a JSON tree."""
+        checks = [check._asdict() for check in self.checks]
+        return {"format": "deshybrid-verify/1", "holds": self.holds, "checks": checks, "silent": list(self.silent)}
+
+    def __str__(self) -> str:
+        if not self.checks:
+            return "nothing verified: no certificate of this design claims to hold"
+        lines = [f"refused: {c.certificate}, {c.location}: not proved: {c.inequality}" for c in self.refused]
+        lines += [f"not claimed: {name}" for name in self.silent]
+        verdict = "refused" if self.refused else "verified"
+        proved = len(self.checks) - len(self.refused)
+        return "\n".join([f"{verdict}: {proved} of {len(self.checks)} inequalities proved in exact arithmetic", *lines])
+
+
+def verify_design(document: Mapping[str, object]) -> VerifyReport:
+    """Return which claims of a design are proved; `document` is the tree of `design.json`.
+
+    Raises `UsageError` (DH0511) where the tree is not a design, `LimitReached` (DH0512) beyond 40 states.
+    A claim that cannot be proved is refused in the report, not raised.
+
+    >>> one = {"A": [[-3.0]], "C": [[0.0]]}
+    >>> claim = {
+    ...     "theorem": "B12-6", "rate": 1.0, "dwell": 0.5, "delay": 0.0, "holds": True, "required_dwell": 0.25,
+    ...     "step": None, "scale": [1.0], "T": {"p": [[[1.0, 0.0]]]},
+    ...     "terms": {"p": {"alpha": -3.0, "kappa": 1.1, "r": 1.0, "required": 0.0}},
+    ... }
+    >>> loop = {"from": "p", "to": "p", "matrix": [[1.0]]}
+    >>> system = {"time_step": None, "locations": {"p": one}, "resets": [loop]}
+    >>> verify_design({"gains": {"p": [[0.0]]}, "system": system, "certificates": [claim]}).holds
+    True
+    """
+    plant = read_plant(document)
+    claims = read_claims(document, plant)
+    checks = [check for claim in claims if claim.holds for check in _checks(plant, claim)]
+    return VerifyReport(tuple(checks), tuple(claim.name for claim in claims if not claim.holds))
+
+
+def _checks(plant: Plant, claim: Claim) -> Iterator[Check]:
+    for inequality, proved in _statement(plant, claim):
+        yield Check(claim.name, "every location", inequality, proved)
+    for name in plant.locations:
+        for inequality, proved in _location_checks(plant, claim, name):
+            yield Check(claim.name, f"location `{name}`", inequality, proved)
+
+
+def _statement(plant: Plant, claim: Claim) -> Iterator[tuple[str, bool]]:
+    """What has to hold of the claim's own words."""
+    yield f"`{claim.theorem}` is a theorem this verifier knows", claim.theorem in THEOREMS
+    yield "the rate is positive", claim.rate > 0
+    yield "0 <= delay < dwell", 0 <= claim.delay < claim.dwell
+    yield "Theorem 6 is used without delay only", claim.delay == 0 or "B12-6" not in claim.theorem
+    enough = claim.required is not None and _stay(claim, claim.required) <= _stay(claim, claim.dwell)
+    yield "required dwell <= dwell", enough
+    expected = plant.time_step is not None or claim.theorem.endswith("-sampled")
+    yield "a step is stated in sampled time only", (claim.step is not None) == expected
+    yield "the scale of the norm is positive", all(value > 0 for value in claim.scale)
+    if plant.time_step is not None:
+        yield "the step is that of the system", claim.step == plant.time_step
+
+
+def _location_checks(plant: Plant, claim: Claim, name: str) -> Iterator[tuple[str, bool]]:
+    error, term, basis = plant.error_matrix(name), claim.terms[name], claim.bases[name]
+    if claim.theorem.endswith("-sampled") and claim.step is not None:
+        made = _sampled(plant, name, claim.step)
+        error = claim.matrices[name]
+        yield "M is e^{A h} minus the sampled gain times C, to one part in 10⁹", _close(error, made)
+    Q = combined(product(basis[0], transposed(basis[0])), product(basis[1], transposed(basis[1])))
+    if claim.step is None:
+        drift = product(error, Q)
+        yield (
+            "Q Fᵀ + F Q <= 2 α Q with F = A - G C, Q = Re(T Tᴴ)",
+            is_positive_semidefinite(combined(scaled(Q, 2 * term.alpha), combined(drift, transposed(drift)), -1)),
+        )
+    else:
+        factor = exponential_below(2 * term.alpha * claim.step)
+        image = product(product(error, Q), transposed(error))
+        yield (
+            "M Q Mᵀ <= e^{2 α h} Q with Q = Re(T Tᴴ)",
+            is_positive_semidefinite(combined(scaled(Q, factor), image, -1)),
+        )
+    yield "κ² bounds the condition of S⁻¹ Q S⁻¹", _condition_holds(Q, claim.scale, term.kappa)
+    squares = diagonal([value * value for value in claim.scale])
+    for reset in plant.exits(name):
+        image = product(product(reset.matrix, squares), transposed(reset.matrix))
+        proved = term.r >= 0 and is_positive_semidefinite(combined(scaled(squares, term.r**2), image, -1))
+        yield f"‖R‖ <= r for the reset to `{reset.target}`", proved
+    cost = term.r * term.kappa
+    for what, dwell in (("dwell", claim.dwell), ("required dwell", claim.required)):
+        yield f"(20) with the {what}: α + max(0, log(r κ))/(D - Δ) <= -μ", _twenty(claim, cost, term.alpha, dwell)
+
+
+def _twenty(claim: Claim, cost: Fraction, alpha: Fraction, dwell: Fraction | None) -> bool:
+    if dwell is None or dwell < claim.delay or alpha > -claim.rate:
+        return False
+    return cost <= 1 or cost <= exponential_below(-(alpha + claim.rate) * _stay(claim, dwell))
+
+
+def _stay(claim: Claim, dwell: Fraction) -> Fraction:
+    """D - Δ, in sampled time the least whole number of steps that long."""
+    if claim.step is None:
+        return dwell - claim.delay
+    return ceil((dwell - claim.delay) / claim.step - PART_OF_A_STEP) * claim.step
+
+
+def _condition_holds(Q: Rational, scale: tuple[Fraction, ...], kappa: Fraction) -> bool:
+    """Some a has a I - Q̃ >= 0 and κ² Q̃ - a I >= 0, Q̃ = S⁻¹ Q S⁻¹; floating point proposes a, exact numbers decide."""
+    import numpy as np
+
+    inverse = diagonal([1 / value for value in scale])
+    shaped = product(product(inverse, Q), inverse)
+    largest = np.linalg.eigvalsh(np.array([[float(value) for value in row] for row in shaped])).max()
+    if kappa < 1 or not np.isfinite(largest) or largest <= 0:
+        return False
+    unit = diagonal([Fraction(float(largest)) * (1 + SAME / 10)] * len(scale))
+    return is_positive_semidefinite(combined(unit, shaped, -1)) and is_positive_semidefinite(
+        combined(scaled(shaped, kappa**2), unit, -1)
+    )
+
+
+def _sampled(plant: Plant, name: str, step: Fraction) -> tuple[Rational, Rational] | None:
+    """e^{A h} and (integral of e^{F s} ds over [0, h]) G C, to 40 digits; None where the step is out of proportion."""
+    A, C = plant.locations[name]
+    error, gain = plant.error_matrix(name), plant.gains[name]
+    n, p = len(A), len(C)
+    block = tuple((*row, *push) for row, push in zip(error, gain, strict=True))
+    block += tuple((Fraction(),) * (n + p) for _ in range(p))
+    try:
+        flow = matrix_exponential(scaled(A, step))
+        pushed = matrix_exponential(scaled(block, step))
+    except ValueError:
+        return None
+    return flow, product(tuple(row[n:] for row in pushed[:n]), C) if p else scaled(flow, 0)
+
+
+def _close(stored: Rational, parts: tuple[Rational, Rational] | None) -> bool:
+    """Whether M equals the difference of its two parts, to one part in 10⁹ of the larger of them in each row."""
+    if parts is None:
+        return False
+    size = [max(abs(value) for value in (*x, *y)) for x, y in zip(*parts, strict=True)]
+    made = combined(*parts, -1)
+    return all(
+        abs(a - b) <= SAME * unit
+        for line, row, unit in zip(stored, made, size, strict=True)
+        for a, b in zip(line, row, strict=True)
+    )
+
+
+__all__ = ["Check", "VerifyReport", "read_design", "verify_design"]
