@@ -20,7 +20,7 @@ $(READY): requirements.txt pyproject.toml
 	@touch $@
 
 demo: $(READY)  ## compile the driveline, drive it, and run the compiled observer on the drive
-	$(BIN)/python -m models.balluchi2012.demo
+	$(BIN)/python examples/driveline.py
 
 test: lint types unit docs  ## lint, types, tests, doctests, examples, generated code, documentation
 
