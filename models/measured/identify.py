@@ -3,7 +3,7 @@
     python models/measured/identify.py fit run2.csv run3.csv          parameters with standard errors, against the model
     python models/measured/identify.py fit run2.csv run3.csv --write  the same, and put them into the model file
     python models/measured/identify.py convert run2.csv trace.csv     a raw log as a trace for `deshybrid run`
-    python models/measured/identify.py score run2.csv estimate.csv    an estimate (or, without one, the ratio comparison)
+    python models/measured/identify.py score run2.csv estimate.csv    an estimate (without one: the ratio comparison)
 
 Method: prediction error.  While a clutch is closed the car is
 
@@ -11,10 +11,10 @@ Method: prediction error.  While a clutch is closed the car is
     j_w omega_w' = T_c/tau - T_w,     T_c = k tau^2 alpha + b tau^2 alpha',
 
 with T_w (grade, drag, brakes) a random walk and d (what the torque estimate gets wrong) a first-order Gauss-Markov
-process, both unknown.  The stationary Kalman filter of each gear predicts the next sample of both speeds; parameters and
-noise intensities maximise the likelihood of its errors, large errors counting less (Huber).  Standard errors come from
-the curvature at the optimum, so they hold for this noise model; where one is about as large as its prior, the runs say
-nothing about the parameter.  About a minute.  Source: Ljung, System Identification, section 7.
+process, both unknown.  The stationary Kalman filter of each gear predicts the next sample of both speeds; parameters
+and noise intensities maximise the likelihood of its errors, large errors counting less (Huber).  Standard errors come
+from the curvature at the optimum, so they hold for this noise model; where one is about as large as its prior, the
+runs say nothing about the parameter.  About half a minute.  Source: Ljung, System Identification, section 7.
 """
 
 import argparse
@@ -125,7 +125,13 @@ def predictor(p: dict[str, float], gear: int) -> Predictor:
     M[1, 5], M[1, 6] = p["torque_gain"] / j, p["torque_bias"] / j
     flow = expm(M * STEP)
     A, C = flow[:5, :5], np.eye(2, 5, 1)
-    intensities = [p["noise_torsion"], 0.0, 0.0, p["noise_load"], p["noise_torque"] * (2 / p["noise_torque_time"]) ** 0.5]
+    intensities = [
+        p["noise_torsion"],
+        0.0,
+        0.0,
+        p["noise_load"],
+        p["noise_torque"] * (2 / p["noise_torque_time"]) ** 0.5,
+    ]
     Q = np.diag(np.square(intensities)) * STEP
     R = np.diag(np.square([p["noise_crank"], p["noise_wheel"]]))
     P = solve_discrete_are(A.T, C.T, Q, R)
@@ -190,11 +196,14 @@ def fit(data: Sequence[Stretch], *, progress: Callable[[str], None] = lambda _: 
         moved[free] += steps * z
         return moved
 
-    best = minimize(lambda z: cost(at(z), data), np.zeros(len(free)), method="L-BFGS-B", options={"maxfun": 4000})
+    def objective(z: Array) -> float:
+        return cost(at(z), data)
+
+    best = minimize(objective, np.zeros(len(free)), method="L-BFGS-B", options={"maxfun": 4000})
     progress(f"first search: cost {best.fun:.2f} after {best.nfev} evaluations")
-    best = minimize(lambda z: cost(at(z), data), best.x, method="L-BFGS-B", options={"maxfun": 4000})
+    best = minimize(objective, best.x, method="L-BFGS-B", options={"maxfun": 4000})
     progress(f"second search: cost {best.fun:.2f} after {best.nfev} evaluations")
-    spread = np.sqrt(np.diag(np.linalg.pinv(curvature(lambda z: cost(at(z), data), best.x), hermitian=True)))
+    spread = np.sqrt(np.diag(np.linalg.pinv(curvature(objective, best.x), hermitian=True)))
     found = at(best.x)
     values = {q.name: q.decode(c) for q, c in zip(PARAMETERS, found.tolist(), strict=True)}
     errors = dict.fromkeys(values, float("nan"))
@@ -236,9 +245,14 @@ def report(result: Fit, text: str) -> str:
 
 
 def with_values(text: str, result: Fit) -> str:
-    """Return the model text with the fitted numbers, four significant digits, in place of its own."""
+    """Return the model text with the fitted numbers, and the errors that its comments state, in place of its own."""
     for name in IN_MODEL:
-        text = re.sub(rf"^(  {name}: +)[-+.\deE]+", rf"\g<1>{result.values[name]:.4g}", text, flags=re.MULTILINE)
+
+        def line(found: re.Match[str], name: str = name) -> str:
+            stated = f"  {name}: {result.values[name]:.4g}"
+            return f"{stated:<26}# ± {result.errors[name]:.2g}{found.group(1)}"
+
+        text = re.sub(rf"^  {name}: .*# ± [-+.\deE]+(.*)$", line, text, flags=re.MULTILINE)
     return text
 
 

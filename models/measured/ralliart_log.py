@@ -1,14 +1,15 @@
-"""Logs of the measured car: what they say on a regular grid, what was true, and what a plain ratio comparison makes of it.
+"""Logs of the measured car: what they say on a regular grid, what was true, and what a ratio comparison makes of it.
 
 In: a raw log (CSV, one row per engine frame, about 100 Hz, times in `t_s`).  Out: samples on the 10 ms grid, each the
 previous row's value, in SI units: engine torque (N m), crankshaft and wheel speed (rad/s; the output shaft turns
-`FINAL_DRIVE` times for one turn of a wheel), and the truth: q_i where gear i is reported engaged with its clutch closed,
-qN everywhere else.  The ratio comparison is what cars do today; it is the bar for the detector.
+`FINAL_DRIVE` times for one turn of a wheel), and the truth: q_i where gear i is reported engaged with its clutch
+closed, qN everywhere else.  The ratio comparison is what cars do today; it is the bar for the detector.
 
 One pass.  Source: Balluchi et al. (2012), section 5, for the truth's meaning.
 """
 
 import csv
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,7 +45,7 @@ class Drive:
     def stays(self) -> Iterator[tuple[int, int, int]]:
         """Stretches of one gear: (first index, index behind the last, gear)."""
         edges = [0, *(np.flatnonzero(np.diff(self.gear)) + 1).tolist(), len(self.gear)]
-        for begin, end in zip(edges, edges[1:], strict=False):
+        for begin, end in itertools.pairwise(edges):
             yield begin, end, int(self.gear[begin])
 
 
@@ -113,8 +114,8 @@ def compare_ratios(
 class GearScore:
     """Shares of samples, and per closing (time, location, length, signed delay or None = never named), in seconds.
 
-    `right`, `wrong`: of the closed samples.  `false`: share of the samples that are not closed in which a gear is named,
-    0.6 s before a closing of that gear and 0.1 s after an opening not counted.
+    `right`, `wrong`: of the closed samples.  `false`: share of the samples that are not closed in which a gear is
+    named, 0.6 s before a closing of that gear and 0.1 s after an opening not counted.
     """
 
     right: float
