@@ -27,6 +27,8 @@ RATE_FACTOR = 5.0
 STAY_FACTOR = 10.0
 FASTEST_PER_STEP = 0.3
 DEFAULT_PER_STEP = 0.1
+SLOWEST_PER_STEP = 1e-3
+LEAST_PER_STEP = 2e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,14 +65,15 @@ def default_poles(count: int, *, rate: float | None, dwell: float | None, step: 
 
     The detector must be done well before the observer has converged and before the location is left: b is the larger
     of 5 times the observer's rate and 10 over the dwell time.  The samples must still resolve it: b is at most 0.3 over
-    the step.  With neither rate nor dwell time given, b is 0.1 over the step.
+    the step; and at least 0.001 over it.  With neither rate nor dwell time given, b is 0.1 over the step.
 
     >>> default_poles(2, rate=2.0, dwell=None, step=0.01)
     ((-10+0j), (-15+0j))
     """
     wanted = [RATE_FACTOR * rate] if rate else []
     wanted += [STAY_FACTOR / dwell] if dwell else []
-    base = min(max(wanted, default=DEFAULT_PER_STEP / step), FASTEST_PER_STEP / step)
+    base = max(wanted, default=DEFAULT_PER_STEP / step)
+    base = max(min(base, FASTEST_PER_STEP / step), SLOWEST_PER_STEP / step)
     return tuple(complex(-base * (1.0 + i / count)) for i in range(count))
 
 
@@ -81,8 +84,8 @@ def build_generator(
 
     A model states one pole per state component; where the outputs show fewer modes, the first ones are taken.
 
-    Raises `UsageError` (DH0602) where the stated poles are too few or one is not stable, `GainError` (DH0603) where the
-    location measures nothing, (DH0505) where the poles taken are not closed under conjugation.
+    Raises `UsageError` (DH0602) where the stated poles are too few or one hardly decays in 5,000 samples, `GainError`
+    (DH0603) where the location measures nothing, (DH0505) where the poles taken are not closed under conjugation.
     """
     from deshybrid.continuous.placement import place_gain
     from deshybrid.linear.observability import kalman_split
@@ -95,7 +98,7 @@ def build_generator(
     split = kalman_split(dynamics.A, dynamics.C)
     k = split.observable_dimension
     embedding, projection = split.transform[:, :k], split.inverse[:k]
-    poles = _poles(system, location, k, default_poles(k, rate=rate, dwell=dwell, step=step))
+    poles = _poles(system, location, default_poles(k, rate=rate, dwell=dwell, step=step), step)
     A = projection @ sampled.A @ embedding
     C = dynamics.C @ embedding
     # Placed on (A_d - 1)/h, which tends to A for short steps, where A_d itself tends to 1 and loses its digits.
@@ -126,7 +129,8 @@ def sampled_dynamics(system: HybridSystem, dynamics: LinearDynamics, step: float
     return sample_dynamics(dynamics, step) if system.time_step is None else dynamics
 
 
-def _poles(system: HybridSystem, location: Location, count: int, default: tuple[complex, ...]) -> tuple[complex, ...]:
+def _poles(system: HybridSystem, location: Location, default: tuple[complex, ...], step: float) -> tuple[complex, ...]:
+    count = len(default)
     stated = system.observer.detector.poles.get(location.name)
     if stated is None:
         return default
@@ -134,8 +138,9 @@ def _poles(system: HybridSystem, location: Location, count: int, default: tuple[
     problems = []
     if len(poles) < count:
         problems.append(f"{len(poles)} detector poles for location `{location.name}`, expected {count}")
-    if any(pole.real >= 0 for pole in poles):
-        problems.append(f"a detector pole of location `{location.name}` is not in the left half plane")
+    if any(not pole.real < -LEAST_PER_STEP / step for pole in poles):
+        limit = f"{-LEAST_PER_STEP / step:g}"
+        problems.append(f"a detector pole of location `{location.name}` has a real part of {limit} or more")
     if problems:
         note = f"the outputs of `{location.name}` show {count} of its {len(system.state_names)} modes"
         raise UsageError(*(diagnostic("DH0602", text, location.span, notes=(note,)) for text in problems))
