@@ -1,0 +1,225 @@
+"""The command: exit codes, keys of the JSON, messages on standard error, files whole or not at all."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from deshybrid.cli import main
+
+MODELS = Path("models")
+FIG2, FIG3 = MODELS / "balluchi2012/fig2.yaml", MODELS / "balluchi2012/fig3.yaml"
+DRIVELINE = MODELS / "balluchi2012/driveline.yaml"
+BAD_MODELS, BAD_TRACES = Path("tests/unit/bad_models"), Path("tests/unit/bad_traces")
+
+
+def deshybrid(*arguments: object, stdin: str = "") -> subprocess.CompletedProcess[str]:
+    words = [sys.executable, "-m", "deshybrid.cli", *map(str, arguments)]
+    return subprocess.run(words, capture_output=True, text=True, input=stdin, check=False)
+
+
+def within(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    """Run the command in this process, where an exception that it lets through fails the test."""
+    before, sys.argv = sys.argv, ["deshybrid", *map(str, arguments)]
+    try:
+        with pytest.raises(SystemExit) as stop:
+            main()
+    finally:
+        sys.argv = before
+    said = capsys.readouterr()
+    return int(stop.value.code or 0), said.out, said.err
+
+
+def rows(path: Path) -> list[list[str]]:
+    lines = (line.split("#")[0].split() for line in path.read_text(encoding="utf-8").splitlines())
+    return [line for line in lines if line]
+
+
+def test_check_says_no_with_exit_code_1_and_the_keys_of_the_contract() -> None:
+    done = deshybrid("check", FIG2, "--json")
+    record = json.loads(done.stdout)
+    assert done.returncode == 1
+    assert list(record) == [
+        "format",
+        "name",
+        "locations",
+        "transitions",
+        "alive",
+        "persistent",
+        "current_location_observable",
+        "transient_bound",
+        "c1_failures",
+        "c2_failures",
+        "witness",
+        "method",
+        "observer",
+    ]
+    assert record["format"] == "deshybrid-check/1"
+    assert record["persistent"] == ["0", "2", "5"]
+    assert record["c1_failures"] == [{"from": "2", "to": "5", "event": "d"}]
+    assert record["observer"]["states"] == [["0", "1", "2", "3", "4", "5"], ["0", "2"], ["0"], ["5"], ["2"]]
+    assert "error[DH0401]" in done.stderr
+
+
+def test_check_says_yes_with_exit_code_0_to_a_model_on_standard_input() -> None:
+    text = "format: deshybrid/1\nname: m\nlocations: [a, b]\ntransitions:\n"
+    text += "  - {from: a, to: b, event: on, emits: on}\n  - {from: b, to: a, event: off, emits: off}\n"
+    done = deshybrid("check", "-", stdin=text)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "m: current-location observable" in done.stdout
+
+
+def test_check_by_pairs_gives_the_same_verdict_without_an_observer() -> None:
+    record = json.loads(deshybrid("check", FIG3, "--json", "--method", "pairs").stdout)
+    assert (record["method"], record["observer"], record["current_location_observable"]) == ("pairs", None, False)
+
+
+def test_a_limit_on_states_ends_in_exit_code_3() -> None:
+    done = deshybrid("check", FIG2, "--method", "observer", "--max-states", 2)
+    assert done.returncode == 3
+    assert "error[DH0901]" in done.stderr
+
+
+def test_recover_finds_the_signature_of_figure_2() -> None:
+    done = deshybrid("recover", FIG2, "--json")
+    record = json.loads(done.stdout)
+    assert done.returncode == 0
+    assert record["signatures"] == [
+        {
+            "name": "s_5",
+            "location": "5",
+            "transitions": [["2", "d", "5"]],
+            "by": "residual",
+            "feasibility": "unknown",
+        }
+    ]
+    assert (record["recoverable"], record["already_observable"], record["optimal"]) == (True, False, True)
+    assert (record["generators"], record["cost"], record["lower_bound"]) == (1, 1, 1)
+    assert record["check"]["current_location_observable"] is True
+
+
+def test_recover_says_no_with_the_confusion_that_remains() -> None:
+    text = "format: deshybrid/1\nname: m\nlocations: [a, b]\nsignatures: {candidates: {}, forbid: []}\ntransitions:\n"
+    text += "  - {from: a, to: b, event: on, emits: null}\n  - {from: b, to: a, event: off, emits: off}\n"
+    done = deshybrid("recover", "-", "--json", stdin=text)
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["recoverable"] is False
+    assert "error[DH0403]" in done.stderr
+
+
+def test_design_tells_the_keys_of_the_contract() -> None:
+    done = deshybrid("design", DRIVELINE, "--json")
+    record = json.loads(done.stdout)
+    assert done.returncode == 0
+    assert list(record)[:10] == [
+        "gains",
+        "eigenvalues",
+        "condition",
+        "certificates",
+        "required_dwell",
+        "dwell_lower_limit",
+        "witness_cycle",
+        "ultimate_bound",
+        "detection_delay",
+        "determinability",
+    ]
+    assert all(certificate["holds"] for certificate in record["certificates"])
+    assert record["dwell_lower_limit"] <= record["required_dwell"]
+
+
+def test_design_of_a_discrete_model_is_a_wrong_call() -> None:
+    done = deshybrid("design", FIG2)
+    assert done.returncode == 2
+    assert "error[DH0306]" in done.stderr
+
+
+def test_compile_writes_a_folder_whose_code_and_design_check_themselves(tmp_path: Path) -> None:
+    done = deshybrid("compile", DRIVELINE, "-o", tmp_path / "out", "--prefix", "gear")
+    assert done.returncode == 0, done.stderr
+    made = {str(path.relative_to(tmp_path / "out")) for path in (tmp_path / "out").rglob("*") if path.is_file()}
+    manifest = json.loads((tmp_path / "out/MANIFEST.json").read_text(encoding="utf-8"))
+    assert made == set(manifest["files"])
+    wanted = {"report.html", "report.json", "des.svg", "des.dot", "observer.svg", "observer.dot", "design.json"}
+    assert wanted | {"c/gear.c", "c/gear.h", "c/gear_selftest.c", "python/gear.py"} <= made
+    tested = subprocess.run([sys.executable, tmp_path / "out/python/gear.py"], capture_output=True, check=False)
+    assert tested.returncode == 0
+    assert deshybrid("verify", tmp_path / "out").returncode == 0
+
+
+def test_compile_of_a_plant_without_observer_writes_the_report_only(tmp_path: Path) -> None:
+    text = "format: deshybrid/1\nname: m\nlocations: [a, b]\nsignatures: {candidates: {}}\ntransitions:\n"
+    text += "  - {from: a, to: b, event: on, emits: null}\n  - {from: b, to: a, event: off, emits: off}\n"
+    done = deshybrid("compile", "-", "-o", tmp_path, stdin=text)
+    made = {path.name for path in tmp_path.rglob("*")}
+    assert done.returncode == 1
+    assert {"report.html", "report.json", "des.svg"} <= made
+    assert not {"c", "python", "design.json"} & made
+
+
+def test_figure_9_runs_from_the_command_line(tmp_path: Path) -> None:
+    events = ["", "", "α", "α", "s_5", "α", "β", "δ"]
+    trace = tmp_path / "fig9.csv"
+    trace.write_text("time,event\n" + "".join(f"{k},{event}\n" for k, event in enumerate(events)), encoding="utf-8")
+    done = deshybrid("run", FIG2, "--trace", trace)
+    estimates = [line.split(",")[2] for line in done.stdout.splitlines()[1:]]
+    assert done.returncode == 0
+    assert estimates == ["0|1|2|3|4|5"] * 2 + ["0|2", "2", "5", "2", "0", "5"]
+
+
+def test_simulate_repeats_itself_for_a_seed_and_only_for_that() -> None:
+    first, again, other = (deshybrid("simulate", MODELS / "two_tank.yaml", "--seed", n).stdout for n in (3, 3, 4))
+    assert first == again != other
+    assert first.splitlines()[0].startswith("time,")
+
+
+@pytest.mark.parametrize("kind", ["svg", "png", "pdf", "dot", "mmd", "graphml"])
+def test_draw_writes_every_format_by_its_suffix(kind: str, tmp_path: Path) -> None:
+    target = tmp_path / f"picture.{kind}"
+    assert deshybrid("draw", FIG2, "--what", "observer", "-o", target).returncode == 0
+    assert target.stat().st_size > 100
+
+
+def test_a_suffix_that_is_no_drawing_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
+    done = deshybrid("draw", FIG2, "-o", tmp_path / "picture.doc")
+    assert (done.returncode, list(tmp_path.iterdir())) == (2, [])
+
+
+def test_explain_tells_of_a_code_and_proposes_the_nearest_for_a_wrong_one() -> None:
+    assert "DH0401" in deshybrid("explain", "dh0401").stdout
+    done = deshybrid("explain", "DH0409")
+    assert (done.returncode, "did you mean" in done.stderr) == (2, True)
+
+
+def test_schema_is_a_json_schema_and_new_a_model_that_compiles(tmp_path: Path) -> None:
+    assert "$schema" in json.loads(deshybrid("schema").stdout)
+    assert deshybrid("new", "tank", "-o", tmp_path / "tank.yaml").returncode == 0
+    assert deshybrid("compile", tmp_path / "tank.yaml", "-o", tmp_path / "out").returncode == 0
+
+
+@pytest.mark.parametrize(("file", "code", "line"), [row[:3] for row in rows(BAD_MODELS / "expected.txt")])
+def test_a_bad_model_ends_in_exit_code_2_with_a_coded_place(
+    file: str, code: str, line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    exit_code, out, err = within(capsys, "check", BAD_MODELS / file, "-o", tmp_path / "out")
+    assert (exit_code, out, list(tmp_path.iterdir())) == (2, "", [])
+    assert err.startswith(f"error[{code}]")
+    assert f"{file}:{line}:" in err
+
+
+@pytest.mark.parametrize(("name", "code", "line"), [row[:3] for row in rows(BAD_TRACES / "expected.txt")])
+def test_a_bad_trace_ends_in_exit_code_2_with_a_coded_place(
+    name: str, code: str, line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trace = BAD_TRACES / f"{name}.csv"
+    exit_code, out, err = within(capsys, "run", BAD_TRACES / "model.yaml", "--trace", trace, "-o", tmp_path / "out")
+    assert (exit_code, out, list(tmp_path.iterdir())) == (2, "", [])
+    assert err.startswith(f"error[{code}]")
+    assert f"{name}.csv:{line}:" in err
+
+
+def test_a_missing_file_and_an_unknown_command_are_wrong_calls() -> None:
+    assert deshybrid("check", "no_such_model.yaml").returncode == 2
+    assert deshybrid("estimate", FIG2).returncode == 2
+    assert deshybrid("check").returncode == 2
