@@ -195,6 +195,7 @@ def _task(plan: _Plan, name: str) -> GainTask:
         plan.requested,
         plan.certified,
         plan.aim,
+        1.1 if plan.dwell is not None else 2.0,
         plan.system.time_step,
     )
 

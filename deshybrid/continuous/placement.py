@@ -88,7 +88,7 @@ def spread_poles(poles: ComplexArray, rank: int) -> tuple[ComplexArray, bool]:
     moved, changed = [], False
     for position, pole in enumerate(poles):
         before = sum(abs(other - pole) <= SAME * abs(pole) for other in poles[:position])
-        changed = changed or before >= rank
+        changed = changed or bool(before >= rank)
         moved.append(pole * (1 + SPREAD * (before // max(rank, 1))))
     return np.array(moved, dtype=np.complex128), changed
 

@@ -3,8 +3,8 @@
 In: the dynamics of a location, rate μ, dwell time D, the largest reset norm r.  Out: a gain.  The idea: try a short
 ladder of speeds σ, and on each rung four shapes of spectrum: real poles close together, spread, and wide apart, and
 the plant's own poles moved left of -σ (an oscillation is kept: turning it into real poles costs gain).  The lowest
-rung with a gain that meets condition (20) wins, and on it the smallest gain; if no rung does, the least required dwell
-time (within 10 %) wins. At most 40 placements.
+rung with a gain that meets condition (20) wins, and on it the smallest gain; if no rung does, the smallest gain that
+needs at most 1.1 times the least dwell time found (twice, where no dwell time was stated).  At most 40 placements.
 
 Source: Balluchi et al. (2012), (20); the ladder is this project's.
 """
@@ -30,7 +30,10 @@ FARTHEST = 30.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GainTask:
-    """What is asked of one location: rate in 1/s as asked, `certified_rate` after fixed modes capped it, dwell in s."""
+    """What is asked of one location: rate in 1/s as asked, `certified_rate` after fixed modes capped it, dwell in s.
+
+    `patience`: where no gain is good enough, a smaller one is preferred that needs so many times the least dwell time.
+    """
 
     A: FloatArray
     C: FloatArray
@@ -40,6 +43,7 @@ class GainTask:
     rate: float
     certified_rate: float
     dwell: float
+    patience: float
     step: float | None
 
 
@@ -67,7 +71,7 @@ def default_gain(task: GainTask) -> FloatArray:
     if not trials:
         raise GainError(diagnostic("DH0509", "no gain was found whose poles can be placed in floating point"))
     least = min(trial.needed for trial in trials)
-    near = [trial for trial in trials if trial.needed <= 1.1 * least]
+    near = [trial for trial in trials if trial.needed <= task.patience * least]
     return min(near, key=lambda trial: trial.size).gain
 
 

@@ -12,6 +12,8 @@ from typing import TypeAlias
 Rational: TypeAlias = tuple[tuple[Fraction, ...], ...]
 BITS = 256
 """Enclosures of exponentials are rounded outwards to this many binary places."""
+LARGEST_ROW = 100_000
+"""A matrix exponential is refused beyond this row sum of its exponent."""
 LARGEST = 700
 """Beyond this exponent a lower bound of the exponential stays where it is."""
 
@@ -107,13 +109,13 @@ def _enclosed(exponent: Fraction) -> tuple[Fraction, Fraction]:
 def matrix_exponential(matrix: Rational) -> Rational:
     """Return e^matrix to some 40 digits (not an enclosure): Taylor's series in 256-bit fixed point, then squaring.
 
-    Raises ValueError if a row sum of |matrix| exceeds 700.
+    Raises ValueError if a row sum of |matrix| exceeds 100,000.
 
     >>> float(matrix_exponential(rational([[1.0]]))[0][0])
     2.718281828459045
     """
     size = max((sum(abs(value) for value in row) for row in matrix), default=Fraction())
-    if size > LARGEST:
+    if size > LARGEST_ROW:
         raise ValueError("the exponent is too large")
     halvings = int(2 * size).bit_length()
     unit = 1 << (BITS + 2 * halvings)
