@@ -3,6 +3,7 @@
 Append your own section; nothing here may depend on the order in which tests run.
 """
 
+import math
 import random
 
 import numpy as np
@@ -152,3 +153,72 @@ def hybrid_systems(draw: st.DrawFn) -> HybridSystem:
         bounds=Bounds(np.ones(n), np.ones(1), np.full(n, 0.3), np.full(1, 0.01)),
         observer=ObserverOptions(step=0.05, dwell=0.2),
     )
+
+
+# ---- texts of the model language ----------------------------------------------------------------------------------
+
+PARAMETERS = {"k": 2.5, "tau": -0.75, "größe": 3.0}
+
+
+def _unary(part: tuple[str, float]) -> list[tuple[str, float]]:
+    text, value = part
+    found = [(f"({text})", value), (f"-({text})", -value), (f"+({text})", value), (f"abs({text})", abs(value))]
+    found += [(f"sin({text})", math.sin(value)), (f"cos( {text} )", math.cos(value))]
+    if value >= 0:
+        found.append((f"sqrt({text})", math.sqrt(value)))
+    if value < 50:
+        found.append((f"exp({text})", math.exp(value)))
+    if value > 0:
+        found.append((f"log({text})", math.log(value)))
+    return found
+
+
+def _binary(parts: tuple[tuple[str, float], tuple[str, float]]) -> list[tuple[str, float]]:
+    (left, a), (right, b) = parts
+    found = [(f"({left})+({right})", a + b), (f"({left}) - ({right})", a - b), (f"({left})*({right})", a * b)]
+    found += [(f"min({left}, {right})", min(a, b)), (f"max({left},{right})", max(a, b))]
+    if b:
+        found.append((f"({left})/({right})", a / b))
+    if 0.01 < a < 100 and abs(b) < 100:
+        found.append((f"({left})**({right})", a**b))
+    return found
+
+
+def arithmetic() -> st.SearchStrategy[tuple[str, float]]:
+    """A text of the expression language with its value, which Python's own arithmetic computed beside it."""
+    numbers = st.floats(0, 1e3, allow_subnormal=False).map(lambda number: (repr(number), number))
+    names = st.sampled_from([*PARAMETERS.items(), ("pi", math.pi)])
+    return st.recursive(
+        numbers | names,
+        lambda inner: inner.flatmap(lambda part: st.sampled_from(_unary(part)))
+        | st.tuples(inner, inner).flatmap(lambda parts: st.sampled_from(_binary(parts))),
+        max_leaves=20,
+    ).filter(lambda part: abs(part[1]) < 1e100)
+
+
+def flat_arithmetic() -> st.SearchStrategy[str]:
+    """A text without parentheses, in which precedence alone decides; Python reads it the same way."""
+    leaf = st.sampled_from(["1", "2.5", "3", "0.25", "-2", "+3", "--2"])
+    operator = st.sampled_from(["+", "-", "*", "/", " + ", " - ", " * ", " / ", "**"])
+    tail = st.lists(st.tuples(operator, leaf), max_size=8)
+    return st.tuples(leaf, tail).map(lambda parts: parts[0] + "".join(op + right for op, right in parts[1]))
+
+
+def names_of_the_language() -> st.SearchStrategy[str]:
+    """Texts that may name a location."""
+    printable = st.text(min_size=1, max_size=12).filter(str.isprintable)
+    words = st.sampled_from("on off null ~ 1 012 1e-3 true a:b # ' \" { *a".split() + ["- x", "a: b"])
+    return (printable | words).filter(lambda name: name == name.strip() and "|" not in name)
+
+
+@st.composite
+def damaged(draw: st.DrawFn, text: str) -> str:
+    """A text with a few characters deleted, doubled or replaced."""
+    for _ in range(draw(st.integers(1, 4))):
+        start = draw(st.integers(0, len(text) - 1))
+        end = min(len(text), start + draw(st.integers(0, 6)))
+        piece = draw(st.sampled_from(["", text[start:end] * 2, *"[]{}:,-\n", "null", "1e999"]))
+        text = text[:start] + piece + text[end:]
+        if not text:
+            return "x"
+    return text

@@ -23,18 +23,29 @@ _DECLARING = ("state", "input", "output", "disturbance")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channels:
-    """Names by kind, their units, and the place of each declaration in the file's head."""
+    """Names by kind, their units, and the place of each declaration in the file's head.
+
+    `inputs` and `outputs` are those of the whole system, the locations' own among them; `common` has those of the
+    head alone, by kind, which every location has that does not list its own.
+    """
 
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     disturbances: tuple[str, ...]
+    common: Mapping[str, tuple[str, ...]]
     units: Mapping[str, str]
     spans: Mapping[str, Span]
 
     def state(self) -> Extent:
         """The size of the state, as the file's head states it."""
         return self.extent("state", self.states, "state component", "component")
+
+    def all_outputs(self) -> Extent:
+        """The number of outputs of the whole system."""
+        return Extent(
+            len(self.outputs), "output", self.spans.get("output"), f"the model has {count(len(self.outputs), 'output')}"
+        )
 
     def extent(self, key: str, names: tuple[str, ...], item: str, noun: str, span: Span | None = None) -> Extent:
         """The size of a list of channels; `span` where it is not the file's head that lists them."""
@@ -54,7 +65,8 @@ def build_channels(model: Fields, scope: Scope, problems: Problems) -> Channels:
     _check_conditions(model, scope, problems)
     _check_columns(model, names["state"], problems)
     units = _units(model, problems)
-    return Channels(names["state"], names["input"], names["output"], names["disturbance"], units, spans)
+    common = {kind: field.names for kind in ("input", "output") if (field := model.get(kind)) is not None}
+    return Channels(names["state"], names["input"], names["output"], names["disturbance"], common, units, spans)
 
 
 def per_channel(field: Field | None, names: tuple[str, ...], what: str, problems: Problems) -> FloatArray | None:

@@ -32,6 +32,7 @@ from deshybrid.model.kinds import (
     Vector,
     Word,
 )
+from deshybrid.model.language import REFERENCE
 from deshybrid.model.naming import check_declared, check_known
 from deshybrid.model.problems import MOST_MESSAGES, Problems, did_you_mean, nearest
 from deshybrid.model.scalars import condition_of, number_of, pole_of
@@ -312,7 +313,7 @@ class _Decoder:
         self._problems.add(diagnostic("DH0202", text, item.span, count(len(item.items), "number"), context=context))
 
     def _attached(self, node: MappingNode, dimensions: int) -> FloatArray | None:
-        reference = self._record(node, _REFERENCE, "an array in a file")
+        reference = self._record(node, REFERENCE, "an array in a file")
         file, key = reference.get("file"), reference.get("key")
         if file is None or key is None or file.text is None or key.text is None:
             return None
@@ -328,13 +329,5 @@ class _Decoder:
             return None
         return frozen_array(array, array.shape)
 
-
-_REFERENCE = Record(
-    "an array in a file beside the model",
-    (
-        Key("file", Text(), "a .npz file inside the model's folder", required=True),
-        Key("key", Text(), "the name of the array in it", required=True),
-    ),
-)
 
 __all__ = ["decode", "describe"]

@@ -143,6 +143,7 @@ _ADVICE = {
     "or": "write `|`",
     "not": "write `!`",
 }
+_CUT = "close the parenthesis; an expression that holds a comma must be quoted"
 
 
 def parse_arithmetic(text: str) -> Expression:
@@ -214,7 +215,8 @@ class _Parser:
     def _unexpected(self, label: str) -> ExpressionError:
         token = self._token
         shown = "the expression ends too early" if token.kind == "end" else f"`{token.text}` is not expected here"
-        helps = (_ADVICE[token.text],) if token.text in _ADVICE else ()
+        advice = _CUT if token.kind == "end" and ")" in label else _ADVICE.get(token.text)
+        helps = () if advice is None else (advice,)
         return ExpressionError("DH0121", shown, token.start, token.end, label=label, helps=helps)
 
     def _deeper(self, level: Callable[[], Expression], opening: _Token) -> Expression:

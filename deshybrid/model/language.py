@@ -206,6 +206,13 @@ PRIOR = Record(
         Key("probability", MapOf("location", Number(at_least=0.0, at_most=1.0)), "of each location; sums to 1"),
     ),
 )
+REFERENCE = Record(
+    "an array in a .npz file inside the model's folder",
+    (
+        Key("file", Text(), "the file, relative to the model's folder", required=True),
+        Key("key", Text(), "the name of the array in it", required=True),
+    ),
+)
 MODEL = Record(
     "a model file of deshybrid",
     (
@@ -252,4 +259,4 @@ MODEL = Record(
     ),
 )
 
-__all__ = ["FORMAT", "MODEL"]
+__all__ = ["FORMAT", "MODEL", "REFERENCE"]

@@ -43,12 +43,11 @@ def location_bodies(model: Fields) -> Mapping[str, tuple[Fields, Span]]:
 def build_locations(model: Fields, channels: Channels, problems: Problems) -> tuple[Location, ...]:
     """Return the locations; reports DH0203, DH0205, DH0208, DH0210 and DH0212, each location by its name."""
     noise = model.fields("noise")
-    outputs = channels.extent("output", channels.outputs, "output", "output")
     common = _Common(
         model.fields("defaults"),
         channels,
         covariance(noise.get("process"), "process noise", channels.state(), problems),
-        covariance(noise.get("measurement"), "measurement noise", outputs, problems),
+        covariance(noise.get("measurement"), "measurement noise", channels.all_outputs(), problems),
         problems,
     )
     return tuple(_location(name, body, span, common) for name, (body, span) in location_bodies(model).items())
@@ -56,7 +55,7 @@ def build_locations(model: Fields, channels: Channels, problems: Problems) -> tu
 
 def _location(name: str, body: Fields, span: Span, common: _Common) -> Location:
     keys, channels, problems = body.over(common.defaults), common.channels, common.problems
-    inputs, outputs = _own(keys, "input", channels.inputs), _own(keys, "output", channels.outputs)
+    inputs, outputs = _own(keys, "input", channels), _own(keys, "output", channels)
     sizes = sizes_of(keys, channels, inputs, outputs)
     where = f"location `{name}`"
     dynamics = build_dynamics(Written(where, keys, span), channels, sizes, problems) if channels.states else None
@@ -75,9 +74,9 @@ def _location(name: str, body: Fields, span: Span, common: _Common) -> Location:
     )
 
 
-def _own(keys: Fields, kind: str, names: tuple[str, ...]) -> tuple[str, ...]:
+def _own(keys: Fields, kind: str, channels: Channels) -> tuple[str, ...]:
     field = keys.get(kind)
-    return names if field is None else field.names
+    return channels.common.get(kind, ()) if field is None else field.names
 
 
 def _noise(

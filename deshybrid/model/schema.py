@@ -26,7 +26,7 @@ from deshybrid.model.kinds import (
     Vector,
     Word,
 )
-from deshybrid.model.language import FORMAT, MODEL
+from deshybrid.model.language import FORMAT, MODEL, REFERENCE
 
 Schema = dict[str, Any]
 
@@ -62,13 +62,7 @@ def json_schema() -> Schema:
             "description": "a finite number, or an expression in `parameters`: + - * / **, parentheses, "
             "sqrt exp log sin cos tan abs min max pi",
         },
-        "file": {
-            "type": "object",
-            "description": "an array in a .npz file inside the model's folder",
-            "properties": {"file": {"type": "string"}, "key": {"type": "string"}},
-            "required": ["file", "key"],
-            "additionalProperties": False,
-        },
+        "file": _record(REFERENCE),
     }
     return {**head, "$defs": shared, "examples": [_EXAMPLE]}
 
