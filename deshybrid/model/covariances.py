@@ -80,7 +80,7 @@ def build_chain(
     transposed = all(abs(total - 1.0) <= _ROUNDING for total in sums)
     for name, row in rows:
         _check_sum(row, f"the probabilities from location `{name}`", _TRANSPOSED if transposed else _ROW, problems)
-    return MappingProxyType(chain)
+    return MappingProxyType({name: chain[name] for name in locations if name in chain})
 
 
 def build_prior(model: Fields, channels: Channels, locations: tuple[str, ...], problems: Problems) -> Prior | None:

@@ -194,6 +194,7 @@ class _Parser:
         self._inner: Callable[[], Expression] = self._sum
 
     def whole(self, *, conditions: bool) -> Expression:
+        """Return the tree of the whole text."""
         self._inner = self._or if conditions else self._sum
         tree = self._inner()
         if self._token.kind != "end":

@@ -89,6 +89,7 @@ class _Builder:
         self._size = 0
 
     def root(self) -> Node:
+        """Return the document, once all events are taken."""
         if not self._documents:
             start = Span(self.source, 1, 1)
             raise ModelError(diagnostic("DH0110", "the file is empty", start, "expected a model here"))

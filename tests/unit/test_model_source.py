@@ -1,6 +1,7 @@
 """The source model: what is read from a text, and what stays exactly as it was written."""
 
 import io
+import subprocess
 import sys
 from hashlib import sha256
 from pathlib import Path
@@ -13,6 +14,7 @@ from deshybrid.model.reader import MOST_DEPTH, MOST_NODES
 from deshybrid.model.source import MOST_BYTES, parse_source, read_source
 from deshybrid.model.tree import MappingNode, Node, ScalarNode, SequenceNode
 
+TWO_TANK = Path("tests/unit/good_models/two_tank.yaml")
 DISCRETE = "format: deshybrid/1\nlocations: [1]\ntransitions: [{from: 1, to: 1, event: a}]\n"
 
 
@@ -86,9 +88,7 @@ def test_line_ends_of_other_systems_and_a_byte_order_mark_change_nothing(tmp_pat
 
 
 def test_json_with_the_same_tree_gives_the_same_system() -> None:
-    yaml = Path("tests/unit/good_models/two_tank.yaml")
-    json = Path("tests/unit/good_models/two_tank.json")
-    first, second = load(yaml), load(json)
+    first, second = load(TWO_TANK), load(TWO_TANK.with_suffix(".json"))
     assert repr(first) == repr(second)
     assert first.source is not None
     assert second.source is not None
@@ -162,3 +162,12 @@ def test_hash_is_that_of_the_bytes_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / "m.yaml"
     path.write_bytes(b"a: 1\r\n")
     assert read_source(path).sha256 == sha256(b"a: 1\r\n").hexdigest()
+
+
+def test_loading_a_model_imports_no_heavy_library() -> None:
+    """A cold `check` has to answer at once, so what only other commands need stays unloaded."""
+    heavy = ("scipy", "networkx", "pydantic", "jinja2", "pygraphviz", "matplotlib")
+    code = f"import sys, deshybrid.model.load as m; m.load({str(TWO_TANK)!r})\n"
+    code += f"print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
