@@ -8,8 +8,8 @@ Out: a `TransitionDetector` whose every number is either the model's or derived 
 - Release: 1.5 times the threshold.
 - Debounce: one time constant of the slowest residual mode, at least two samples.  A residual of another location that
   changes its sign passes through the band between the thresholds; it must not take that long.  Off at once.
-- Window Δ: how long an entry estimate stays provisional; the model's, else the largest finite detection delay, else 7
-  time constants and the debounce (a transient is then below 1/1000), which guarantees nothing.
+- Window Δ: how long an entry estimate stays provisional; the model's, else the largest finite detection delay, else 12
+  time constants and the debounce (a transient is then below 1/100,000), which guarantees nothing.
 - Detection delay of a signature by residual: the time after which its generator is active for certain, from the worst
   mismatch that the bounds allow.  The signature itself also waits until the residuals of the alternatives are large; at
   x = 0, u = 0 they are not, so that the bound is conditional on excitation, and the condition is kept as text.
@@ -35,7 +35,7 @@ from deshybrid.linear.arrays import FloatArray, frozen_array
 from deshybrid.model.system import HybridSystem
 
 RELEASE = 1.5
-SETTLED_TIME_CONSTANTS = 7.0
+SETTLED_TIME_CONSTANTS = 12.0
 LEAST_LEVEL = 1e-30
 
 

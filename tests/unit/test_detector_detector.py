@@ -86,7 +86,7 @@ def test_without_bounds_on_the_state_no_delay_is_promised_and_the_window_is_nomi
     detector = detector_of(text=MODEL.replace("state: 5, ", ""))
     assert set(detector.detection_delay.values()) == {None}
     assert "nominal" in detector.window_reason
-    assert detector.window == pytest.approx(7 * 0.2 + 20 * STEP)
+    assert detector.window == pytest.approx(12 * 0.2 + 20 * STEP)
 
 
 def test_window_is_the_largest_detection_delay() -> None:
