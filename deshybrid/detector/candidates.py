@@ -88,6 +88,16 @@ def signature_candidates(system: HybridSystem, des: DES) -> tuple[FeasibleCandid
     `des` is the abstraction of `system`: transition i of the one is transition i of the other.  Transitions that the
     model forbids are not among the verdicts.  Nothing is raised: a location that no residual can show keeps a candidate
     without transitions, whose verdicts say why.
+
+    >>> from deshybrid.model.abstraction import abstract
+    >>> from deshybrid.model.load import loads
+    >>> system = loads('''
+    ... {format: deshybrid/1, name: pump, state: [h], output: [y], defaults: {C: [[1]]},
+    ...  locations: {on: {A: [[-1]], f: [2]}, off: {A: [[-1]]}},
+    ...  transitions: [{from: on, to: off, event: a, emits: null}, {from: off, to: on, event: b, emits: null}]}
+    ... ''')
+    >>> [(entry.candidate.name, entry.verdicts[0].residual) for entry in signature_candidates(system, abstract(system))]
+    [('s_on', 'always'), ('s_off', 'always')]
     """
     wishes = system.signatures.candidates
     if wishes is None:

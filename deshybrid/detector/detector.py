@@ -8,8 +8,9 @@ Out: a `TransitionDetector` whose every number is either the model's or derived 
 - Release: 1.5 times the threshold.
 - Debounce: one time constant of the slowest residual mode, at least two samples.  A residual of another location that
   changes its sign passes through the band between the thresholds; it must not take that long.  Off at once.
-- Window Δ: how long an entry estimate stays provisional; the model's, else the largest finite detection delay, else 12
-  time constants and the debounce (a transient is then below 1/100,000), which guarantees nothing.
+- Window Δ: how long an entry estimate stays provisional; the model's, else the largest finite detection delay, else a
+  nominal one, which guarantees nothing: a transient from ten times the full scale down to the threshold, at least three
+  time constants, and the debounce.
 - Detection delay of a signature by residual: the time after which its generator is active for certain, from the worst
   mismatch that the bounds allow.  The signature itself also waits until the residuals of the alternatives are large; at
   x = 0, u = 0 they are not, so that the bound is conditional on excitation, and the condition is kept as text.
@@ -29,13 +30,14 @@ import numpy as np
 from deshybrid.des.signatures import Signature, SignaturePlan
 from deshybrid.detector.candidates import alternatives
 from deshybrid.detector.residual import ResidualGenerator, build_generator
-from deshybrid.detector.thresholds import floor, largest_state, settling_ticks, steady_bound
+from deshybrid.detector.thresholds import floor, full_scale, largest_state, settling_ticks, steady_bound
 from deshybrid.diagnostics import Diagnostic, GainError, UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray, frozen_array
 from deshybrid.model.system import HybridSystem
 
 RELEASE = 1.5
-SETTLED_TIME_CONSTANTS = 12.0
+NOMINAL_TRANSIENT = 10.0  # in units of the full scale
+LEAST_TIME_CONSTANTS = 3.0
 LEAST_LEVEL = 1e-30
 
 
@@ -58,6 +60,7 @@ class DetectionThreshold:
 class DetectionDelay:
     """Seconds after which a signature's generator is active for certain, or None with the reason.
 
+    It holds while every sample is valid and the model's bounds hold.
     `condition` says what must hold besides, for the signature to appear by then; empty where nothing must.
     """
 
@@ -97,7 +100,7 @@ class TransitionDetector:
 
     def __str__(self) -> str:
         names = ", ".join(generator.location.name for generator in self.generators) or "no location"
-        return f"transition detector of {self.system.name}: residuals of {names}, window {self.window:g} s"
+        return f"transition detector of {self.system.name}: residuals of {names}, window {self.window:.3g} s"
 
 
 def build_detector(
@@ -108,8 +111,22 @@ def build_detector(
     Without generators in the plan (nothing to detect, or a purely discrete model, whose signatures come as events) the
     detector is empty.
 
-    Raises `UsageError` (DH0601 step, DH0602 poles, DH0604 thresholds) and `GainError` (DH0603) for a location that
-    measures nothing; all generators are looked at before anything is raised.
+    Raises `UsageError`: DH0601 step, DH0602 poles, DH0604 thresholds, DH0603 for a location that measures nothing; all
+    generators are looked at before anything is raised.
+
+    >>> from deshybrid.des.signatures import recover_observability
+    >>> from deshybrid.detector.candidates import signature_candidates
+    >>> from deshybrid.model.abstraction import abstract
+    >>> from deshybrid.model.load import loads
+    >>> system = loads('''
+    ... {format: deshybrid/1, name: pump, state: [h], output: [y], defaults: {C: [[1]]},
+    ...  locations: {on: {A: [[-1]], f: [2]}, off: {A: [[-1]]}},
+    ...  transitions: [{from: on, to: off, event: a, emits: null}, {from: off, to: on, event: b, emits: null}]}
+    ... ''')
+    >>> des = abstract(system)
+    >>> plan = recover_observability(des, tuple(entry.candidate for entry in signature_candidates(system, des)))
+    >>> print(build_detector(system, plan, rate=1.0, step=0.01))
+    transition detector of pump: residuals of on, window 2.5 s
     """
     _require_step(system, step)
     dwell = _shortest_stay(system) if dwell is None else dwell
@@ -135,7 +152,8 @@ def _assembled(
     on_ticks = tuple(_on_ticks(options.debounce, generator) for generator in generators)
     parts = {g.location.name: (g, t, ticks) for g, t, ticks in zip(generators, thresholds, on_ticks, strict=True)}
     delays = {s.location: _delay(system, plan, s, parts) for s in plan.signatures} if generators else {}
-    window, reason = _window(options.window, delays, generators, on_ticks)
+    nominal = max((_nominal_delay(system, *part) for part in parts.values()), default=0.0)
+    window, reason = _window(options.window, delays, nominal)
     return TransitionDetector(
         system=system,
         plan=plan,
@@ -227,21 +245,21 @@ def _rivals(plan: SignaturePlan, signature: Signature, generators: tuple[str, ..
     return tuple(name for name in generators if name in others and name != signature.location)
 
 
-def _window(
-    stated: float | None,
-    delays: Mapping[str, DetectionDelay],
-    generators: tuple[ResidualGenerator, ...],
-    on_ticks: tuple[int, ...],
-) -> tuple[float, str]:
+def _nominal_delay(
+    system: HybridSystem, generator: ResidualGenerator, threshold: DetectionThreshold, on_ticks: int
+) -> float:
+    ratio = float(np.max(NOMINAL_TRANSIENT * full_scale(system, generator) / threshold.level))
+    time_constants = max(LEAST_TIME_CONSTANTS, math.log(max(ratio, 1.0)))
+    return time_constants * generator.time_constant + on_ticks * generator.step
+
+
+def _window(stated: float | None, delays: Mapping[str, DetectionDelay], nominal: float) -> tuple[float, str]:
     if stated is not None:
         return stated, "stated by the model"
     finite = [delay.seconds for delay in delays.values() if delay.seconds is not None]
     if finite:
         return max(finite), "the largest detection delay"
-    nominal = [
-        SETTLED_TIME_CONSTANTS * g.time_constant + ticks * g.step for g, ticks in zip(generators, on_ticks, strict=True)
-    ]
-    return max(nominal, default=0.0), "nominal: no detection delay has a bound"
+    return nominal, "nominal: no detection delay has a bound"
 
 
 __all__ = ["DetectionDelay", "DetectionThreshold", "TransitionDetector", "build_detector"]

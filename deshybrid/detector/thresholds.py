@@ -68,16 +68,21 @@ def measurement_bound(bounds: Bounds, generator: ResidualGenerator) -> FloatArra
 
 
 def floor(system: HybridSystem, generator: ResidualGenerator) -> FloatArray:
-    """Return the least threshold per channel, (p,): 1/10,000 of the full scale, which the bounds tell, or of 1.
+    """Return the least threshold per channel, (p,): 1/10,000 of the full scale.
 
     It stands for rounding, and for inputs that are not quite constant between samples; without it a noise-free residual
     would never be small enough.
     """
+    return FLOOR * full_scale(system, generator)
+
+
+def full_scale(system: HybridSystem, generator: ResidualGenerator) -> FloatArray:
+    """Return the largest |y| per own channel that the bounds on the state allow, (p,); 1 where that is not known."""
     dynamics, bounds = generator.dynamics, system.bounds
     scale = np.zeros(dynamics.C.shape[0])
     if bounds.state is not None:
         scale = np.abs(dynamics.C) @ bounds.state + np.abs(dynamics.g)
-    return np.asarray(FLOOR * np.where(scale > 0.0, scale, 1.0))
+    return np.where(scale > 0.0, scale, 1.0)
 
 
 def _disturbance_sum(system: HybridSystem, generator: ResidualGenerator) -> FloatArray:
@@ -160,4 +165,12 @@ def settling_ticks(generator: ResidualGenerator, mismatch: FloatArray, margin: F
     return None
 
 
-__all__ = ["absolute_sum", "floor", "largest_state", "measurement_bound", "settling_ticks", "steady_bound"]
+__all__ = [
+    "absolute_sum",
+    "floor",
+    "full_scale",
+    "largest_state",
+    "measurement_bound",
+    "settling_ticks",
+    "steady_bound",
+]

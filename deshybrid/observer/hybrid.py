@@ -132,6 +132,18 @@ def build_observer(
 
     Raises `UsageError` (DH0608) where the plan recovers nothing or a detector is missing, `ModelError` (DH0605) for two
     resets between the same locations, `GainError` (DH0606) where the step is too long for a gain, `LimitReached`.
+
+    >>> from deshybrid.des.signatures import recover_observability
+    >>> from deshybrid.model.abstraction import abstract
+    >>> from deshybrid.model.load import loads
+    >>> system = loads('''
+    ... {format: deshybrid/1, name: pump, locations: [on, off],
+    ...  transitions: [{from: on, to: off, event: a, emits: α}, {from: off, to: on, event: b, emits: β}]}
+    ... ''')
+    >>> observer = build_observer(system, recover_observability(abstract(system), ()), None, None, step=1.0)
+    >>> state, estimate = observer.step(observer.start(), (), (), "α")
+    >>> estimate.location, estimate.status
+    ('off', 'identified')
     """
     _require_plan(system, plan, detector)
     delays = {} if detector is None else detector.delays

@@ -1,5 +1,6 @@
 """The detector's parameters: from the model file, or derived; and its delay, against simulated switches."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -86,7 +87,8 @@ def test_without_bounds_on_the_state_no_delay_is_promised_and_the_window_is_nomi
     detector = detector_of(text=MODEL.replace("state: 5, ", ""))
     assert set(detector.detection_delay.values()) == {None}
     assert "nominal" in detector.window_reason
-    assert detector.window == pytest.approx(12 * 0.2 + 20 * STEP)
+    least = min(float(threshold.level[0]) for threshold in detector.thresholds)
+    assert detector.window == pytest.approx(0.2 * math.log(10 / least) + 20 * STEP)
 
 
 def test_window_is_the_largest_detection_delay() -> None:
