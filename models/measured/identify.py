@@ -249,7 +249,7 @@ def with_values(text: str, result: Fit) -> str:
     for name in IN_MODEL:
 
         def line(found: re.Match[str], name: str = name) -> str:
-            stated = f"  {name}: {result.values[name]:.4g}"
+            stated = f"  {name}: {result.values[name]:.5g}"
             return f"{stated:<26}# ± {result.errors[name]:.2g}{found.group(1)}"
 
         text = re.sub(rf"^  {name}: .*# ± [-+.\deE]+(.*)$", line, text, flags=re.MULTILINE)
