@@ -10,7 +10,7 @@ import numpy as np
 
 from deshybrid.continuous.error import dynamics_of
 from deshybrid.continuous.modes import decay_rate
-from deshybrid.continuous.placement import pole_problem
+from deshybrid.continuous.placement import placeable, pole_problem
 from deshybrid.diagnostics import Diagnostic, UsageError, diagnostic
 from deshybrid.linear.arrays import ComplexArray, FloatArray
 from deshybrid.linear.observability import KalmanSplit, sorted_spectrum
@@ -87,6 +87,18 @@ def spread_warning(location: Location, poles: ComplexArray) -> Diagnostic:
     )
 
 
+def unplaced_warning(location: Location, poles: ComplexArray, fixed: ComplexArray) -> Diagnostic:
+    """Return the warning (DH0513) that a pole was given for every state, but fixed modes keep their place."""
+    kept, used = (", ".join(_number(value) for value in values) for values in (fixed, poles))
+    return diagnostic(
+        "DH0513",
+        f"{len(fixed)} of the poles of `{location.name}` cannot be placed, as the location is not observable",
+        location.span,
+        notes=(f"fixed modes, which no pole replaces: {kept}", f"poles placed: {used or 'none'}"),
+        severity="warning",
+    )
+
+
 def loop_problems(
     system: HybridSystem, loops: Mapping[str, FloatArray], spectra: Mapping[str, ComplexArray]
 ) -> list[Diagnostic]:
@@ -138,10 +150,11 @@ def _undetectable(system: HybridSystem, location: Location, split: KalmanSplit) 
 
 
 def _pole_problems(location: Location, poles: ComplexArray, split: KalmanSplit) -> list[Diagnostic]:
-    count, name = split.observable_dimension, location.name
-    problem = pole_problem(poles, count)
+    name, modes = location.name, sorted_spectrum(split.A_u)
+    every = len(poles) == len(split.transform) and not pole_problem(poles, len(poles))
+    problem = pole_problem(placeable(poles, modes) if every else poles, split.observable_dimension)
     if problem:
-        fixed = ", ".join(_number(mode) for mode in sorted_spectrum(split.A_u))
+        fixed = ", ".join(_number(mode) for mode in modes)
         notes = (f"fixed modes, which no pole replaces: {fixed}",) if fixed else ()
         return [diagnostic("DH0505", f"poles of `{name}`: {problem}", location.span, notes=notes)]
     if (poles.real >= 0).any():
@@ -189,4 +202,5 @@ __all__ = [
     "require_not_negative",
     "require_positive",
     "spread_warning",
+    "unplaced_warning",
 ]

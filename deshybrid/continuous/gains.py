@@ -32,10 +32,11 @@ from deshybrid.continuous.checks import (
     require_not_negative,
     require_positive,
     spread_warning,
+    unplaced_warning,
 )
 from deshybrid.continuous.error import dynamics_of, error_dynamics, error_resets, state_scale
 from deshybrid.continuous.modes import condition
-from deshybrid.continuous.placement import output_rank, place_detectable, place_gain, spread_poles
+from deshybrid.continuous.placement import output_rank, place_detectable, place_gain, placeable, spread_poles
 from deshybrid.continuous.scale import best_scale
 from deshybrid.continuous.search import GainTask, default_gain, from_plane_s, reset_norm, to_plane_s
 from deshybrid.diagnostics import Diagnostic, GainError, raise_all
@@ -210,8 +211,11 @@ def _gain(plan: _Plan, name: str) -> _Found:
         return system.observer.gains[name], "model gains", warning
     if name not in system.observer.poles:
         return default_gain(task), "search", warning
-    poles = from_plane_s(np.array(system.observer.poles[name], dtype=np.complex128), task.step)
-    poles, changed = spread_poles(poles, output_rank(task.C, task.scale))
+    poles, fixed = np.array(system.observer.poles[name], dtype=np.complex128), sorted_spectrum(task.split.A_u)
+    if len(poles) > task.split.observable_dimension:
+        poles = placeable(poles, to_plane_s(fixed, task.step))
+        warning = (*warning, unplaced_warning(system.location(name), poles, fixed))
+    poles, changed = spread_poles(from_plane_s(poles, task.step), output_rank(task.C, task.scale))
     if changed:
         warning = (*warning, spread_warning(system.location(name), poles))
     if task.split.observable_dimension == len(task.A):

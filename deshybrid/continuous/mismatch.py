@@ -1,40 +1,46 @@
 """What a detection delay costs: the plant is in i already, the observer still follows j.
 
 In: a system with bounds |x| <= B_x, |u| <= B_u, |w| <= w̄, the observer's gains, a delay Δ.  Out, per transition j ->
-i:
+i, bounded entry by entry:
 - push: |e^{F_j t}| integrated over [0, Δ] times V, V >= |[(A_j - A_i) - G_j (C_j - C_i)] x + ... u + ...|, the model
   error that drives the observer meanwhile;
-- jump: ‖x⁻ - x⁺‖, the plant's reset that the observer has not made yet;
+- jump: |x⁻ - x⁺|, the plant's reset that the observer has not made yet;
 - extra: what is left of it after the observer's own reset, a time s <= Δ too late:
   (R - I)(x(t+s) - x⁺) + R (e^{F_j s} - I)(x⁻ - x⁺), zero for the identity reset, and of order Δ else.
 
-The paper bounds ‖I - e^{A t}‖ by κ ‖A‖ t, which is false where A is not stable (A = 1, t = 2); here it is e^{‖A‖ t} -
-1.  It also mixes the 2-norm with |.| <= B_x per channel; here all vectors are bounded entry by entry first.
+The paper bounds ‖I - e^{A t}‖ by κ ‖A‖ t, which is false where A is not stable (A = 1, t = 2).  Here |I - e^{A t}| is
+at most e^{|A| t} - I, entry by entry, and a difference of two states at most 2 B_x.  The paper also mixes the 2-norm
+with |.| <= B_x per channel; vectors avoid that.
 
 Source: Balluchi et al. (2012), Theorem 7, (32)-(49), and Lemma 8, (25).
 """
 
 from collections.abc import Mapping
-from math import expm1
 from typing import NamedTuple
 
 import numpy as np
 
 from deshybrid.continuous.dwell import PART_OF_A_STEP
 from deshybrid.continuous.error import ErrorReset, dynamics_of, error_resets
-from deshybrid.continuous.impulse import impulse_norm, short_norm
+from deshybrid.continuous.impulse import impulse_norm, peak_norm
 from deshybrid.continuous.modes import ModalBasis
 from deshybrid.linear.arrays import FloatArray
+from deshybrid.linear.sampling import flow_and_integral
 from deshybrid.model.system import HybridSystem
+
+FARTHEST = 200.0
+NOTHING_KNOWN = 1e100
+"""Stands for e^{|A| t} where that is beyond e^200; the other bounds are then the smaller ones."""
 
 
 class Mismatch(NamedTuple):
-    """One transition under delay: reset (n, n); push (n,) in the states' units; jump and extra in the scaled norm."""
+    """One transition under delay: reset (n, n); push, jump and extra (n,), all at least zero, in the states' units."""
 
+    target: str
     reset: FloatArray
     push: FloatArray
-    jump: float
-    extra: float
+    jump: FloatArray
+    extra: FloatArray
 
 
 def missing_bounds(system: HybridSystem, locations: tuple[str, ...], delay: float) -> str:
@@ -56,44 +62,33 @@ def missing_bounds(system: HybridSystem, locations: tuple[str, ...], delay: floa
 
 
 def mismatches(
-    system: HybridSystem,
-    gains: Mapping[str, FloatArray],
-    bases: Mapping[str, ModalBasis],
-    scale: FloatArray,
-    delay: float,
+    system: HybridSystem, gains: Mapping[str, FloatArray], bases: Mapping[str, ModalBasis], delay: float
 ) -> dict[str, tuple[Mismatch, ...]]:
     """Return the cost of the delay for every transition, by source location; all zero without delay."""
     found: dict[str, tuple[Mismatch, ...]] = dict.fromkeys(gains, ())
+    nothing = np.zeros(len(system.state_names))
     for reset in error_resets(system, tuple(gains)):
-        if delay == 0:
-            entry = Mismatch(reset.matrix, np.zeros(len(scale)), 0.0, 0.0)
-        else:
-            entry = _mismatch(system, gains[reset.source], bases[reset.source], scale, (delay, reset))
+        entry = Mismatch(reset.target, reset.matrix, nothing, nothing, nothing)
+        if delay > 0:
+            entry = _mismatch(system, gains[reset.source], bases[reset.source], delay, reset)
         found[reset.source] = (*found[reset.source], entry)
     return found
 
 
-def _mismatch(
-    system: HybridSystem, gain: FloatArray, basis: ModalBasis, scale: FloatArray, late: tuple[float, ErrorReset]
-) -> Mismatch:
-    delay, reset = late
-    old, new = dynamics_of(system, reset.source), dynamics_of(system, reset.target)
-    state, step = _bound_of(system.bounds.state, len(scale)), system.time_step
+def _mismatch(system: HybridSystem, gain: FloatArray, basis: ModalBasis, delay: float, reset: ErrorReset) -> Mismatch:
+    old, new, step = dynamics_of(system, reset.source), dynamics_of(system, reset.target), system.time_step
+    state, identity = _bound_of(system.bounds.state, len(old.A)), np.eye(len(old.A))
     F = old.A - gain @ old.C
-    late_flow = impulse_norm(basis.eigenvalues, basis.basis, step=step)
-    if step is None:
-        late_flow = np.minimum(late_flow, short_norm(F, delay))
-    push = late_flow @ _model_error(system, gain, reset)
-    jumped = np.minimum(2 * state, np.abs(np.eye(len(scale)) - reset.matrix) @ state + np.abs(reset.offset))
-    jump = _norm(jumped, scale)
-    drive = np.abs(new.B) @ _bound_of(system.bounds.input, len(system.input_names))[list(_inputs(system, reset))]
-    drive = drive + np.abs(new.E) @ _bound_of(system.bounds.disturbance, new.E.shape[1]) + np.abs(new.f)
-    grown, driven = _growth(_scaled(new.A, scale), delay, step)
-    moved = min(2 * _norm(state, scale), grown * _norm(state, scale) + driven * _norm(drive, scale))
-    turned = min(_growth(_scaled(F, scale), delay, step)[0], 1 + basis.kappa)
-    R = _scaled(reset.matrix, scale)
-    extra = float(np.linalg.norm(R - np.eye(len(scale)), 2)) * moved + float(np.linalg.norm(R, 2)) * turned * jump
-    return Mismatch(reset.matrix, np.asarray(push), jump, extra)
+    turned, late_flow = _grown(F, delay, step)
+    turned = np.minimum(turned, peak_norm(basis.eigenvalues, basis.basis, step=step) + identity)
+    late_flow = np.minimum(late_flow, impulse_norm(basis.eigenvalues, basis.basis, step=step))
+    jump = np.minimum(2 * state, np.abs(identity - reset.matrix) @ state + np.abs(reset.offset))
+    inputs = _bound_of(system.bounds.input, len(system.input_names))[list(system.location(reset.target).input_index)]
+    drive = np.abs(new.B) @ inputs + np.abs(new.E) @ _bound_of(system.bounds.disturbance, new.E.shape[1])
+    grown, driven = _grown(new.A, delay, step)
+    moved = np.minimum(2 * state, grown @ state + driven @ (drive + np.abs(new.f)))
+    extra = np.abs(reset.matrix - identity) @ moved + np.abs(reset.matrix) @ turned @ jump
+    return Mismatch(reset.target, reset.matrix, late_flow @ _model_error(system, gain, reset), jump, extra)
 
 
 def _model_error(system: HybridSystem, gain: FloatArray, reset: ErrorReset) -> FloatArray:
@@ -109,10 +104,6 @@ def _model_error(system: HybridSystem, gain: FloatArray, reset: ErrorReset) -> F
     return np.asarray(by_state + by_input + np.abs(old.f - new.f - gain @ (old.g - new.g[rows])))
 
 
-def _inputs(system: HybridSystem, reset: ErrorReset) -> tuple[int, ...]:
-    return system.location(reset.target).input_index
-
-
 def _spread(matrix: FloatArray, index: tuple[int, ...], m: int) -> FloatArray:
     """The columns of a location's inputs among those of the system."""
     whole = np.zeros((matrix.shape[0], m))
@@ -124,24 +115,20 @@ def _bound_of(bound: FloatArray | None, size: int) -> FloatArray:
     return np.zeros(size) if bound is None else bound
 
 
-def _growth(matrix: FloatArray, delay: float, step: float | None) -> tuple[float, float]:
-    """Bounds of ‖e^{A t} - I‖ and of the integral of ‖e^{A s}‖ over [0, t], t <= delay; in steps, of powers."""
+def _grown(matrix: FloatArray, delay: float, step: float | None) -> tuple[FloatArray, FloatArray]:
+    """Entrywise bounds of |e^{A t} - I|, t <= delay, and of the integral of |e^{A t}| over [0, delay]; or of powers."""
+    identity = np.eye(len(matrix))
     if step is None:
-        size = float(np.linalg.norm(matrix, 2))
-        grown = expm1(size * delay)
-        return grown, grown / size if size > 0 else delay
-    size = float(np.linalg.norm(matrix - np.eye(len(matrix)), 2))
-    steps = int(delay / step + PART_OF_A_STEP)
-    grown = (1 + size) ** steps - 1
-    return grown, grown / size if size > 0 else float(steps)
-
-
-def _scaled(matrix: FloatArray, scale: FloatArray) -> FloatArray:
-    return np.asarray(matrix * scale / scale[:, None])
-
-
-def _norm(vector: FloatArray, scale: FloatArray) -> float:
-    return float(np.linalg.norm(vector / scale))
+        if float(np.abs(matrix).sum(axis=1).max()) * delay > FARTHEST:
+            return np.full_like(identity, NOTHING_KNOWN), np.full_like(identity, NOTHING_KNOWN)
+        flow, integral = flow_and_integral(np.abs(matrix), identity, delay)
+        return flow - identity, integral
+    base = identity + np.abs(matrix - identity)
+    power, total = identity, np.zeros_like(identity)
+    for _ in range(int(delay / step + PART_OF_A_STEP)):
+        total = total + power
+        power = power @ base
+    return power - identity, total
 
 
 __all__ = ["Mismatch", "mismatches", "missing_bounds"]

@@ -77,6 +77,21 @@ def pole_problem(poles: ComplexArray, count: int) -> str:
     return ""
 
 
+def placeable(poles: ComplexArray, fixed: ComplexArray) -> ComplexArray:
+    """Return the poles left when every fixed mode has taken the place of the one nearest to it (a pair of a pair).
+
+    Poles and fixed modes are closed under conjugation.
+
+    >>> placeable(np.array([-3 + 0j, -4]), np.array([-4.1 + 0j]))
+    array([-3.+0.j])
+    """
+    rest = list(poles)
+    for mode in fixed:
+        alike = [pole for pole in rest if (pole.imag == 0) == (mode.imag == 0)]
+        rest.remove(min(alike or rest, key=lambda pole: abs(pole - mode)))
+    return np.array(rest, dtype=np.complex128)
+
+
 def spread_poles(poles: ComplexArray, rank: int) -> tuple[ComplexArray, bool]:
     """Move apart the copies of a pole beyond the first `rank`; return the poles and whether any moved.
 
@@ -129,6 +144,7 @@ __all__ = [
     "output_rank",
     "place_detectable",
     "place_gain",
+    "placeable",
     "pole_problem",
     "spread_poles",
 ]

@@ -1,32 +1,37 @@
 """Ultimate bound: how large the error stays under bounded disturbance, noise and detection delay.
 
 In: a system with bounds, gains, rate μ, dwell time D, detection delay Δ, for which (20) holds with β = D - Δ.  Out: a
-number b and one bound per state, which the error never leaves for good: ‖ζ(t)‖ <= c ‖ζ(t_K)‖ e^{-μ t} + b.  The idea,
-per location j:
-- while j is active the error is at most κ_j times its value at the last switch plus g_j = N_j W_j, where N_j bounds
-  the integral of |e^{F_j t}| entry by entry and W_j = |E| w̄ + |G_j| v̄ is the disturbance as it enters;
-- a switch multiplies by at most e^{-μ β} over the stay and adds a kick, hence the level E = max kick / (1 - e^{-μ β});
-- b = max_j {κ_j E + ‖g_j‖}.
-Without delay the kick is ‖|R¹_ij| g_i‖: this is (31), with its factors √n ‖e^{F t}‖₁ W replaced by the 2-norm of g,
-which is never larger.  With a delay the plant is in i while the observer still follows j; see
-`continuous/mismatch.py`: this is (49), its lemma repaired.  The bound is computed in several norms (scales of the
-state) and the best of each state is kept. Cost: a few hundred thousand operations a location and scale.
+number b and one bound per state, which the error does not exceed once its initial value has died out: ‖ζ(t)‖ <= c
+‖ζ(t_K)‖ e^{-μ t} + b.  Two ways, the better one of each state is kept:
+
+In norms, (31).  While j is active the error is at most κ_j times its value at the last switch plus g_j = N_j W_j,
+where N_j bounds the integral of |e^{F_j t}| and W_j = |E| w̄ + |G_j| v̄ is the disturbance as it enters.  A switch
+multiplies by at most e^{-μ β} and adds a kick ‖|R¹_ij| g_i‖, hence the level E = max kick / (1 - e^{-μ β}), and b =
+max_j {κ_j E + ‖g_j‖}.  The factors √n ‖e^{F t}‖₁ W of the paper are replaced by the 2-norm of g, which is never
+larger.  Several norms are tried.
+
+State by state, `continuous/entrywise.py`: no κ enters, nor any unit.
+
+With a delay the plant is in i while the observer still follows j; see `continuous/mismatch.py`: this is (49),
+repaired. Cost: a few hundred thousand operations a location.
 
 Source: Balluchi et al. (2012), (27), (31), (49) and the appendix.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import exp
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
 from deshybrid.continuous.dwell import DwellTimeCertificate, certify_dwell, stay_steps
-from deshybrid.continuous.error import dynamics_of, error_dynamics, state_scale
+from deshybrid.continuous.entrywise import Stay, entrywise_bound
+from deshybrid.continuous.error import ErrorDynamics, dynamics_of, error_dynamics, state_scale
 from deshybrid.continuous.gains import ObserverGains
 from deshybrid.continuous.impulse import impulse_norm
-from deshybrid.continuous.mismatch import Mismatch, mismatches, missing_bounds
+from deshybrid.continuous.mismatch import mismatches, missing_bounds
 from deshybrid.continuous.modes import ModalBasis, modal_basis
 from deshybrid.continuous.search import needed_dwell, reset_norm
 from deshybrid.linear.arrays import FloatArray, frozen_array
@@ -60,12 +65,11 @@ class UltimateBound:
     reason: str
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Bound:
-    scale: FloatArray
-    value: float
-    by_state: FloatArray
+class _InNorm(NamedTuple):
+    """The bound in the norm of one scale: what each location adds, and what it means for each state."""
+
     parts: Mapping[str, UltimatePart]
+    by_state: FloatArray
 
 
 def ultimate_bound(
@@ -88,66 +92,59 @@ def ultimate_bound(
         missing = f"(20) does not hold: {certificate.reason}"
     if missing:
         return _none(certificate, missing)
-    scales = _scales(system, gains, certificate)
-    found = [bound for scale in scales for bound in _bounds_in(system, gains, certificate, scale)]
-    best = min(found, key=lambda bound: bound.value)
-    by_state = np.min([bound.by_state for bound in found], axis=0)
-    value = min(best.value, float(np.linalg.norm(by_state)))
+    dynamics = error_dynamics(system, gains.gains)
+    bases = {name: modal_basis(dynamics.matrices[name], certificate.scale, step=dynamics.step) for name in gains.gains}
+    stays = _stays(system, gains, bases, delay)
+    beta = certificate.dwell - delay
+    if dynamics.step is not None:
+        beta = stay_steps(beta, dynamics.step) * dynamics.step
+    found = [_in_norm(dynamics, stays, scale, certificate.rate, beta) for scale in _scales(system, gains, certificate)]
+    bounds = [bound for bound in found if bound is not None]
+    own = entrywise_bound(stays, beta, dynamics.step)
+    by_state = np.min([bound.by_state for bound in bounds] + ([] if own is None else [own]), axis=0)
     return UltimateBound(
-        value=value,
+        value=float(np.linalg.norm(by_state)),
         by_state=frozen_array(by_state, by_state.shape),
-        parts=best.parts,
+        parts=bounds[0].parts,
         rate=certificate.rate,
         dwell=certificate.dwell,
         delay=delay,
-        scale=best.scale,
+        scale=certificate.scale,
         reason=_reason(system, delay),
     )
 
 
 def _none(certificate: DwellTimeCertificate, reason: str) -> UltimateBound:
-    empty: Mapping[str, UltimatePart] = MappingProxyType({})
     return UltimateBound(
-        None, None, empty, certificate.rate, certificate.dwell, certificate.delay, certificate.scale, reason
+        value=None,
+        by_state=None,
+        parts=MappingProxyType({}),
+        rate=certificate.rate,
+        dwell=certificate.dwell,
+        delay=certificate.delay,
+        scale=certificate.scale,
+        reason=reason,
     )
 
 
 def _reason(system: HybridSystem, delay: float) -> str:
     noise = "" if system.bounds.measurement is not None else ", measurements taken as exact (no bound stated)"
-    return f"{'equation (31)' if delay == 0 else 'equation (49), its lemma repaired'}{noise}"
+    return f"{'equation (31)' if delay == 0 else 'equation (49), its lemma repaired'}, state by state{noise}"
 
 
 def _scales(system: HybridSystem, gains: ObserverGains, certificate: DwellTimeCertificate) -> tuple[FloatArray, ...]:
-    ones = frozen_array(np.ones(len(system.state_names)), (len(system.state_names),))
-    return certificate.scale, gains.scale, state_scale(system, gains.locations), ones
+    """That of the certificate first: in it (20) holds; then those in which the bound may be smaller."""
+    return certificate.scale, gains.scale, state_scale(system, gains.locations), np.ones(len(system.state_names))
 
 
-def _bounds_in(
-    system: HybridSystem, gains: ObserverGains, certificate: DwellTimeCertificate, scale: FloatArray
-) -> Iterator[_Bound]:
-    """Yield the bound in the norm of one scale, or nothing where (20) does not hold in that norm."""
-    dynamics, names = error_dynamics(system, gains.gains), gains.locations
-    rate, stay = certificate.rate, certificate.dwell - certificate.delay
-    if dynamics.step is not None:
-        stay = stay_steps(stay, dynamics.step) * dynamics.step
-    bases = {name: modal_basis(dynamics.matrices[name], scale, step=dynamics.step) for name in names}
-    for name, basis in bases.items():
-        norm = reset_norm([reset.matrix for reset in dynamics.exits(name)], scale)
-        if needed_dwell(basis, norm, rate) > stay:
-            return
-    forced = {name: _forced(system, gains, name, bases[name], delayed=certificate.delay > 0) for name in names}
-    late = mismatches(system, gains.gains, bases, scale, certificate.delay)
-    kicks = {name: max((_kick(m, forced[name], scale) for m in late[name]), default=0.0) for name in names}
-    level = max(kicks.values(), default=0.0) / (1 - exp(-rate * stay))
-    parts, peaks, by_state = {}, [0.0], [np.zeros(len(scale))]
-    for name in names:
-        kappa = bases[name].kappa
-        parts[name] = UltimatePart(kappa, _size(forced[name], scale), kicks[name])
-        for push, jump in [(np.zeros(len(scale)), 0.0), *((m.push, m.jump) for m in late[name])]:
-            peaks.append(kappa * (level + jump) + _size(forced[name] + push, scale))
-            by_state.append(scale * kappa * (level + jump) + forced[name] + push)
-    largest = np.max(by_state, axis=0)
-    yield _Bound(scale, float(scale.max()) * max(peaks), largest, MappingProxyType(parts))
+def _stays(
+    system: HybridSystem, gains: ObserverGains, bases: Mapping[str, ModalBasis], delay: float
+) -> dict[str, Stay]:
+    late = mismatches(system, gains.gains, bases, delay)
+    return {
+        name: Stay(_forced(system, gains, name, bases[name], delayed=delay > 0), bases[name], late[name])
+        for name in gains.locations
+    }
 
 
 def _forced(system: HybridSystem, gains: ObserverGains, name: str, basis: ModalBasis, *, delayed: bool) -> FloatArray:
@@ -162,13 +159,29 @@ def _forced(system: HybridSystem, gains: ObserverGains, name: str, basis: ModalB
     return np.asarray(impulse_norm(basis.eigenvalues, basis.basis, step=system.time_step) @ drive)
 
 
-def _kick(late: Mismatch, forced: FloatArray, scale: FloatArray) -> float:
-    """What one switch adds to the error: the forced part through the reset, and what the delay costs."""
-    return _size(np.abs(late.reset) @ (forced + late.push), scale) + late.extra
+def _in_norm(
+    dynamics: ErrorDynamics, stays: Mapping[str, Stay], scale: FloatArray, rate: float, beta: float
+) -> _InNorm | None:
+    """(31) or (49) in the norm of one scale, None where (20) does not hold in it."""
 
+    def size(vector: FloatArray) -> float:
+        return float(np.linalg.norm(vector / scale))
 
-def _size(vector: FloatArray, scale: FloatArray) -> float:
-    return float(np.linalg.norm(vector / scale))
+    parts = {}
+    for name, stay in stays.items():
+        basis = modal_basis(dynamics.matrices[name], scale, step=dynamics.step)
+        norm = reset_norm([reset.matrix for reset in dynamics.exits(name)], scale)
+        if needed_dwell(basis, norm, rate) > beta:
+            return None
+        kicks = [size(np.abs(e.reset) @ (stay.forced + e.push) + e.extra) for e in stay.exits]
+        parts[name] = UltimatePart(basis.kappa, size(stay.forced), max(kicks, default=0.0))
+    level = max((part.kick for part in parts.values()), default=0.0) / (1 - exp(-rate * beta))
+    peaks = [np.zeros(len(scale))]
+    for name, stay in stays.items():
+        kappa = parts[name].kappa
+        peaks.append(scale * kappa * level + stay.forced)
+        peaks += [scale * kappa * (level + size(e.jump)) + stay.forced + e.push for e in stay.exits]
+    return _InNorm(MappingProxyType(parts), np.max(peaks, axis=0))
 
 
 __all__ = ["UltimateBound", "UltimatePart", "ultimate_bound"]
