@@ -20,7 +20,7 @@ from deshybrid.model.system import HybridSystem
 from deshybrid.observer import reference
 from deshybrid.observer.filling import fill_flow, fill_generators, fill_resets
 from deshybrid.observer.tables import STATUS_NAMES, StepTables, plain_tables
-from deshybrid.observer.tracker import build_tracker, outputs_of
+from deshybrid.observer.tracker import Tracker, build_tracker, outputs_of
 
 ObserverState: TypeAlias = reference.State
 UNKNOWN_EVENT = -1
@@ -149,8 +149,21 @@ def build_observer(
     delays = {} if detector is None else detector.delays
     certain = frozenset(name for name, d in delays.items() if d.seconds is not None and not d.condition)
     tracker = build_tracker(plan, signatures_are_events=system.is_discrete, guaranteed=certain, max_states=max_states)
+    tables = _tables(system, plan, detector, gains, tracker, step=step)
+    return HybridObserver(system, plan, detector, gains, tables, certificates)
+
+
+def _tables(
+    system: HybridSystem,
+    plan: SignaturePlan,
+    detector: TransitionDetector | None,
+    gains: ObserverGains | None,
+    tracker: Tracker,
+    *,
+    step: float,
+) -> StepTables:
     reset_index, reset_matrix, reset_offset = fill_resets(system, plan.report.persistent)
-    tables = StepTables(
+    return StepTables(
         name=system.name,
         step=step,
         location_names=tuple(location.name for location in system.locations),
@@ -170,7 +183,6 @@ def build_observer(
         reset_matrix=reset_matrix,
         reset_offset=reset_offset,
     )
-    return HybridObserver(system, plan, detector, gains, tables, certificates)
 
 
 def _signatures_in_events(plan: SignaturePlan) -> dict[str, str]:
