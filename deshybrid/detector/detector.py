@@ -3,8 +3,10 @@
 In: a hybrid system, the `SignaturePlan` that says which locations need a residual generator, a rate and a step.
 Out: a `TransitionDetector` whose every number is either the model's or derived here, with the reason kept.
 
-- Threshold of a channel: what the model states, else the largest |r| that the bounds allow in the own location plus a
-  floor (`thresholds`): while the plant stays, a relay that is on never goes off.
+- Poles: the model's, else the default ones (`residual`), made faster until the guaranteed delay is half the dwell time.
+- Threshold of a channel: what the model states, else 1.2 times the largest |r| that the bounds allow in the own location
+  plus a floor (`thresholds`): while the plant stays, a relay that is on never goes off, and the transient that is left
+  when it goes on may be a fifth of that.
 - Release: 1.5 times the threshold.
 - Debounce: one time constant of the slowest residual mode, at least two samples.  A residual of another location that
   changes its sign passes through the band between the thresholds; it must not take that long.  Off at once.
@@ -33,9 +35,11 @@ from deshybrid.detector.residual import ResidualGenerator, build_generator
 from deshybrid.detector.thresholds import floor, full_scale, largest_state, settling_ticks, steady_bound
 from deshybrid.diagnostics import Diagnostic, GainError, UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray, frozen_array
-from deshybrid.model.system import HybridSystem
+from deshybrid.model.system import HybridSystem, Location
 
 RELEASE = 1.5
+MARGIN = 1.2
+FASTEST_SPEED = 64.0
 NOMINAL_TRANSIENT = 10.0  # in units of the full scale
 LEAST_TIME_CONSTANTS = 3.0
 LEAST_LEVEL = 1e-30
@@ -135,13 +139,40 @@ def build_detector(
     generators = []
     for name in names:
         try:
-            generators.append(build_generator(system, system.location(name), rate=rate, dwell=dwell, step=step))
+            generators.append(_fast_enough(system, system.location(name), rate=rate, dwell=dwell, step=step))
             _require_threshold(system, generators[-1])
         except (UsageError, GainError) as error:
             problems += error.diagnostics
     if problems:
         raise UsageError(*problems)
     return _assembled(system, plan, step, tuple(generators))
+
+
+def _fast_enough(
+    system: HybridSystem, location: Location, *, rate: float | None, dwell: float | None, step: float
+) -> ResidualGenerator:
+    """Double the default poles' speed until the guaranteed delay takes half the dwell time, or nothing is gained."""
+    best, shortest, speed = None, math.inf, 1.0
+    while True:
+        generator = build_generator(system, location, rate=rate, dwell=dwell, step=step, speed=speed)
+        if dwell is None or location.name in system.observer.detector.poles:
+            return generator
+        ticks = _settling(system, generator, _threshold(system, generator))
+        lasts = math.inf if ticks is None else (ticks + _on_ticks(system.observer.detector.debounce, generator)) * step
+        if best is None or lasts < shortest:
+            best, shortest = generator, lasts
+        if shortest <= dwell / 2.0 or speed >= FASTEST_SPEED:
+            return best
+        speed *= 2.0
+
+
+def _settling(system: HybridSystem, generator: ResidualGenerator, threshold: DetectionThreshold) -> int | None:
+    """Samples after which the residual is below its threshold for ever, from the worst mismatch that the bounds allow."""
+    largest = largest_state(system, generator)
+    if largest is None or system.bounds.state is None:
+        return None
+    mismatch = largest + np.abs(generator.projection) @ system.bounds.state
+    return settling_ticks(generator, mismatch, threshold.level - threshold.steady)
 
 
 def _assembled(
@@ -200,8 +231,9 @@ def _threshold(system: HybridSystem, generator: ResidualGenerator) -> DetectionT
     missing = [name for name in ("disturbance", "measurement") if getattr(system.bounds, name) is None]
     ideal = f"; the model states no bound for {' and '.join(missing)}, taken as none" if missing else ""
     if stated is None:
-        level = frozen_array(steady + floor(system, generator), (count,))
-        return DetectionThreshold(level, steady, "derived", True, f"peak gain times the bounds, plus a floor{ideal}")
+        level = frozen_array(MARGIN * steady + floor(system, generator), (count,))
+        reason = f"{MARGIN:g} times the peak gain times the bounds, plus a floor{ideal}"
+        return DetectionThreshold(level, steady, "derived", True, reason)
     guaranteed = bool((stated > steady).all())
     relation = "above" if guaranteed else "not above"
     reason = f"stated by the model, {relation} what the bounds allow in the location itself{ideal}"
@@ -227,11 +259,9 @@ def _delay(
         reason = "a negation appears when the other residuals become large; nothing bounds that time at x = 0, u = 0"
         return DetectionDelay(None, reason, excitation if rivals else "")
     generator, threshold, on_ticks = parts[signature.location]
-    largest = largest_state(system, generator)
-    if largest is None or system.bounds.state is None:
+    if system.bounds.state is None or largest_state(system, generator) is None:
         return DetectionDelay(None, "the model states no bounds on state and input, so the mismatch has none")
-    mismatch = largest + np.abs(generator.projection) @ system.bounds.state
-    ticks = settling_ticks(generator, mismatch, threshold.level - threshold.steady)
+    ticks = _settling(system, generator, threshold)
     if ticks is None:
         return DetectionDelay(None, "the threshold is not above the residual that the bounds allow")
     reason = f"transient from the worst mismatch ({ticks} samples), debounce ({on_ticks} samples)"

@@ -60,25 +60,28 @@ class ResidualGenerator:
         return -1.0 / slowest
 
 
-def default_poles(count: int, *, rate: float | None, dwell: float | None, step: float) -> tuple[complex, ...]:
+def default_poles(
+    count: int, *, rate: float | None, dwell: float | None, step: float, speed: float = 1.0
+) -> tuple[complex, ...]:
     """Return `count` real, distinct poles (rad/s) between -b and -2b.
 
     The detector must be done well before the observer has converged and before the location is left: b is the larger
     of 5 times the observer's rate and 10 over the dwell time.  The samples must still resolve it: b is at most 0.3 over
-    the step; and at least 0.001 over it.  With neither rate nor dwell time given, b is 0.1 over the step.
+    the step; and at least 0.001 over it.  With neither rate nor dwell time given, b is 0.1 over the step.  `speed`
+    multiplies what is wanted, within the same limits.
 
     >>> default_poles(2, rate=2.0, dwell=None, step=0.01)
     ((-10+0j), (-15+0j))
     """
     wanted = [RATE_FACTOR * rate] if rate else []
     wanted += [STAY_FACTOR / dwell] if dwell else []
-    base = max(wanted, default=DEFAULT_PER_STEP / step)
+    base = speed * max(wanted, default=DEFAULT_PER_STEP / step)
     base = max(min(base, FASTEST_PER_STEP / step), SLOWEST_PER_STEP / step)
     return tuple(complex(-base * (1.0 + i / count)) for i in range(count))
 
 
 def build_generator(
-    system: HybridSystem, location: Location, *, rate: float | None, dwell: float | None, step: float
+    system: HybridSystem, location: Location, *, rate: float | None, dwell: float | None, step: float, speed: float = 1.0
 ) -> ResidualGenerator:
     """Return the residual generator of `location`, with the poles that the model states or the default ones.
 
@@ -98,7 +101,7 @@ def build_generator(
     split = kalman_split(dynamics.A, dynamics.C)
     k = split.observable_dimension
     embedding, projection = split.transform[:, :k], split.inverse[:k]
-    poles = _poles(system, location, default_poles(k, rate=rate, dwell=dwell, step=step), step)
+    poles = _poles(system, location, default_poles(k, rate=rate, dwell=dwell, step=step, speed=speed), step)
     A = projection @ sampled.A @ embedding
     C = dynamics.C @ embedding
     # Placed on (A_d - 1)/h, which tends to A for short steps, where A_d itself tends to 1 and loses its digits.
