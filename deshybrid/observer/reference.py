@@ -39,9 +39,12 @@ class State(NamedTuple):
 
 
 def start(tables: Tables) -> State:
-    """Return the state before the first sample."""
+    """Return the state before the first sample; a location known from the start has its continuous observer running."""
     none = (False,) * len(tables["generators"])
-    return State(0, None, (), none, (0,) * len(none), none, none, tables["initial"], 0, -1, -1, tables["start"])
+    initial = tables["initial"]
+    location = tables["tracker"][initial][0]
+    flow = location if location >= 0 and tables["flow_defined"][location] else -1
+    return State(0, None, (), none, (0,) * len(none), none, none, initial, 0, -1, flow, tables["start"])
 
 
 def step(

@@ -28,7 +28,7 @@ meets -LARGEST <= v <= LARGEST (so neither NaN nor infinite); the held sample (u
    (-2: inconsistent, to `restart`).
 4. At each move, into an identified state (location j): with `flow` = i >= 0, x := R1 x + R0 of `reset_index[i][j]`
    where that is >= 0; `flow` becomes j, or -1 where j has no continuous observer.  Into a provisional state `flow`
-   stays, into any other it becomes -1 (x is held).
+   stays, into any other it becomes -1 (x is held).  Before the first tick the rule is that of a move into `initial`.
 
 Status: `inconsistent` if the tick was, else `invalid` if the sample was, else by the state: `identified`, `provisional`
 or `searching`.

@@ -553,6 +553,9 @@ void small_init(small_state_t *state)
     state->ticks = 0;
     state->tracker = INITIAL;
     state->flow = -1;
+    if (tracker_location[INITIAL] >= 0 && flow_defined[tracker_location[INITIAL]]) {
+        state->flow = tracker_location[INITIAL];
+    }
     state->fired = -1;
     state->silence = 0;
     state->started = 0;
