@@ -295,19 +295,20 @@ def _step_for(system: HybridSystem, gains: "ObserverGains") -> float:
 def _certified(draft: Design) -> Design:
     """Add detector, certificates and bound to a draft that has gains and a step."""
     from deshybrid.continuous.dwell import certify_dwell, certify_sampled
-    from deshybrid.detector.detector import build_detector
+    from deshybrid.detector.detector import build_detector, delay_warnings
 
     system, gains, plan = draft.system, draft.gains, draft.recovery.plan
     if gains is None:
         return draft
     detector = build_detector(system, plan, rate=gains.rate, step=draft.step) if plan.signatures else None
+    warnings = () if detector is None else delay_warnings(detector)
     made = replace(draft, detector=detector)
     certificates = (
         certify_dwell(system, gains),
         *((certify_dwell(system, gains, delay=made.delay),) if made.delay > 0.0 else ()),
         certify_sampled(system, gains, step=draft.step, delay=made.delay),
     )
-    return replace(made, certificates=certificates)
+    return replace(made, certificates=certificates, problems=made.problems + warnings)
 
 
 def compile(

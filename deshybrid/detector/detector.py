@@ -148,6 +148,22 @@ def build_detector(
     return _assembled(system, plan, step, tuple(generators))
 
 
+def delay_warnings(detector: TransitionDetector) -> tuple[Diagnostic, ...]:
+    """Return the warning (DH0609) that Theorem 7's Δ is assumed for some signatures; none where all are guaranteed."""
+    open_ends: dict[str, list[str]] = {}
+    for name, delay in detector.delays.items():
+        if delay.seconds is None or delay.seconds > detector.window:
+            reason = delay.reason if delay.seconds is None else f"its bound is {delay.seconds:g} s"
+            open_ends.setdefault(reason, []).append(f"`{name}`")
+    if not open_ends:
+        return ()
+    notes = [f"{', '.join(names)}: {reason}" for reason, names in open_ends.items()]
+    if any(delay.condition for delay in detector.delays.values()):
+        notes.append("the other bounds hold once x or u are far enough from rest to make the wrong residuals large")
+    message = f"the certificates with a delay assume that every signature comes within {detector.window:g} s"
+    return (diagnostic("DH0609", message, notes=tuple(notes), severity="warning"),)
+
+
 def _fast_enough(
     system: HybridSystem, location: Location, *, rate: float | None, dwell: float | None, step: float
 ) -> ResidualGenerator:

@@ -81,7 +81,13 @@ def default_poles(
 
 
 def build_generator(
-    system: HybridSystem, location: Location, *, rate: float | None, dwell: float | None, step: float, speed: float = 1.0
+    system: HybridSystem,
+    location: Location,
+    *,
+    rate: float | None,
+    dwell: float | None,
+    step: float,
+    speed: float = 1.0,
 ) -> ResidualGenerator:
     """Return the residual generator of `location`, with the poles that the model states or the default ones.
 
