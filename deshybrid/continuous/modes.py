@@ -12,6 +12,7 @@ infinite.
 Source: Balluchi et al. (2012), Lemma 8, (24).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf, isfinite, log
 
@@ -85,8 +86,6 @@ def best_columns(vectors: ComplexArray, eigenvalues: ComplexArray) -> tuple[Comp
 
     The two columns of a conjugate pair keep one length, by symmetry.  Nelder and Mead's search, from unit columns.
     """
-    from scipy.optimize import minimize
-
     group = _pairs(eigenvalues)
     start = condition(vectors)
     if group.max(initial=0) == 0:
@@ -95,10 +94,28 @@ def best_columns(vectors: ComplexArray, eigenvalues: ComplexArray) -> tuple[Comp
     def cost(lengths: FloatArray) -> float:
         return condition(vectors * np.exp(np.append(lengths, 0.0))[group])
 
-    found = minimize(cost, np.zeros(group.max()), method="Nelder-Mead", options={"maxfev": 150 * len(group)})
-    if not found.fun < start:
-        return vectors, start
-    return vectors * np.exp(np.append(found.x, 0.0))[group], float(found.fun)
+    lengths = simplex_search(cost, np.zeros(group.max()), 150 * len(group))
+    return vectors * np.exp(np.append(lengths, 0.0))[group], cost(lengths)
+
+
+def simplex_search(cost: Callable[[FloatArray], float], start: FloatArray, evaluations: int) -> FloatArray:
+    """Return where Nelder and Mead's search finds the least cost, never above that of the start; deterministic.
+
+    Variables are logarithms; the first simplex reaches 0.5 from the start in each.
+
+    >>> simplex_search(lambda x: float((x[0] - 1) ** 2), np.zeros(1), 100).round(2)
+    array([1.])
+    """
+    from scipy.optimize import minimize
+
+    simplex = np.vstack([start, start + 0.5 * np.eye(len(start))])
+    found = minimize(
+        cost,
+        start,
+        method="Nelder-Mead",
+        options={"maxfev": evaluations, "xatol": 1e-4, "fatol": 1e-9, "initial_simplex": simplex},
+    )
+    return np.asarray(found.x) if found.fun < cost(start) else start
 
 
 def _pairs(eigenvalues: ComplexArray) -> "np.ndarray[tuple[int, ...], np.dtype[np.intp]]":
@@ -123,4 +140,13 @@ def _proved_rate(scaled: FloatArray, vectors: ComplexArray, kappa: float, step: 
     return log(max(radius, float(np.finfo(np.float64).tiny))) / step
 
 
-__all__ = ["DEFECTIVE", "ROUND_UP", "ModalBasis", "best_columns", "condition", "decay_rate", "modal_basis"]
+__all__ = [
+    "DEFECTIVE",
+    "ROUND_UP",
+    "ModalBasis",
+    "best_columns",
+    "condition",
+    "decay_rate",
+    "modal_basis",
+    "simplex_search",
+]

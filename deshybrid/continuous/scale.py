@@ -10,17 +10,16 @@ from math import inf
 import numpy as np
 
 from deshybrid.continuous.error import ErrorDynamics
-from deshybrid.continuous.modes import modal_basis
+from deshybrid.continuous.modes import modal_basis, simplex_search
 from deshybrid.continuous.search import needed_dwell, reset_norm
 from deshybrid.linear.arrays import FloatArray, frozen_array
 
 
 def best_scale(dynamics: ErrorDynamics, start: FloatArray, rate: float) -> FloatArray:
     """Return the state scale (n,), first component as in `start`, that asks for the least dwell time."""
-    from scipy.optimize import minimize
 
     def cost(logarithms: FloatArray) -> float:
-        scale = np.exp(np.append(0.0, logarithms)) * start[0]
+        scale = _scale(start, logarithms)
         needs = []
         for name in dynamics.locations:
             basis = modal_basis(dynamics.matrices[name], scale, step=dynamics.step, improve=False)
@@ -28,13 +27,15 @@ def best_scale(dynamics: ErrorDynamics, start: FloatArray, rate: float) -> Float
             needs.append(needed_dwell(basis, norm, rate))
         return max(needs, default=0.0)
 
-    n = len(start)
-    starts = [np.log(start[1:] / start[0]), np.zeros(n - 1)]
-    first = min(starts, key=cost)
-    if n > 1 and 0 < cost(first) < inf:
-        found = minimize(cost, first, method="Nelder-Mead", options={"maxfev": 60 * n, "xatol": 1e-3, "fatol": 1e-6})
-        first = found.x if found.fun < cost(first) else first
-    return frozen_array(np.exp(np.append(0.0, first)) * start[0], (n,))
+    units = -np.log(start[1:] / start[0])
+    first = min((np.zeros(len(units)), units), key=cost)
+    if len(units) and 0 < cost(first) < inf:
+        first = simplex_search(cost, first, 60 * len(start))
+    return frozen_array(_scale(start, first), start.shape)
+
+
+def _scale(start: FloatArray, logarithms: FloatArray) -> FloatArray:
+    return np.asarray(start * np.exp(np.append(0.0, logarithms)))
 
 
 __all__ = ["best_scale"]
