@@ -179,6 +179,8 @@ def _condition_holds(Q: Rational, scale: tuple[Fraction, ...], kappa: Fraction) 
     """Some a has a I - Q̃ >= 0 and κ² Q̃ - a I >= 0, Q̃ = S⁻¹ Q S⁻¹; floating point proposes a, exact numbers decide."""
     import numpy as np
 
+    if any(value <= 0 for value in scale):
+        return False
     inverse = diagonal([1 / value for value in scale])
     shaped = product(product(inverse, Q), inverse)
     largest = np.linalg.eigvalsh(np.array([[float(value) for value in row] for row in shaped])).max()

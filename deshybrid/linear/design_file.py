@@ -138,7 +138,8 @@ def _jumps(system: Mapping[str, object], locations: Mapping[str, tuple[Rational,
     for k, value in enumerate(entries):
         entry, where = _as_mapping(value, f"system.resets[{k}]"), f"system.resets[{k}]"
         source, target = entry.get("from"), entry.get("to")
-        _require(source in locations and target in locations, where, "`from` and `to` that name locations")
+        known = all(isinstance(name, str) and name in locations for name in (source, target))
+        _require(known, where, "`from` and `to` that name locations")
         n = len(next(iter(locations.values()))[0])
         jumps.append(Jump(str(source), str(target), _matrix(entry.get("matrix"), where, columns=n, rows=n)))
     return tuple(jumps)

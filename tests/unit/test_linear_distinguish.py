@@ -18,23 +18,23 @@ def _columns(matrix: np.ndarray) -> Rows:
 
 
 def _window(d: LinearDynamics, rows: int, *, discrete: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """O (free response), o (response to the offsets) and T (to the inputs) over so many samples or derivatives."""
+    """The free response O, that to the offsets and that to the inputs, over so many samples or derivatives."""
     n, m, p = len(d.A), d.B.shape[1], len(d.C)
-    O, o = np.zeros((rows * p, n), dtype=object), np.zeros((rows * p, 1), dtype=object)
+    free, forced = np.zeros((rows * p, n), dtype=object), np.zeros((rows * p, 1), dtype=object)
     T = np.zeros((rows * p, rows * m), dtype=object)
     A, B, C, D = (matrix.astype(int).astype(object) for matrix in (d.A, d.B, d.C, d.D))
     power, offset = np.eye(n, dtype=int).astype(object), np.zeros((n, 1), dtype=object)
     f, g = d.f.astype(int).astype(object)[:, None], d.g.astype(int).astype(object)[:, None]
     markov = [D]
     for k in range(rows):
-        O[k * p : (k + 1) * p] = C @ power
-        o[k * p : (k + 1) * p] = C @ offset + (g if k == 0 or discrete else 0 * g)
+        free[k * p : (k + 1) * p] = C @ power
+        forced[k * p : (k + 1) * p] = C @ offset + (g if k == 0 or discrete else 0 * g)
         for j in range(k + 1):
             T[k * p : (k + 1) * p, j * m : (j + 1) * m] = markov[k - j]
         markov.append(C @ power @ B)
         offset = offset + power @ f if discrete else power @ f
         power = A @ power
-    return O, o, T
+    return free, forced, T
 
 
 def naive(first: LinearDynamics, second: LinearDynamics, *, discrete: bool) -> tuple[str, int]:
