@@ -17,8 +17,8 @@ disturbance: [w]
 bounds: {{state: 10, input: 1, disturbance: 0.05, measurement: 0.01}}
 defaults: {{B: [[1], [0]], C: [[0, 1]], E: [[1], [0]]}}
 locations:
-  fill:  {{A: [[-1, 0], [k, -k/tau]], dwell: {{min: 4}}}}
-  drain: {{A: [[-2, 0], [k, -k/tau]], dwell: {{min: 4}}}}
+  fill:  {{A: [[-1, 0], [k, -k/tau]], dwell: {{min: 2}}}}
+  drain: {{A: [[-2, 0], [k, -k/tau]], dwell: {{min: 2}}}}
 transitions:
   - {{from: fill, to: drain, event: open, emits: alarm}}
   - {{from: drain, to: fill, event: close, emits: null}}      # null: nothing is seen

@@ -31,6 +31,7 @@ class State(NamedTuple):
     debounce: tuple[int, ...]  # by generator: ticks for which relay and activity have differed
     active: Flags  # by generator: the relay after the debounce
     seen: Flags  # by generator: active at the last move or since
+    stale: Flags  # by generator: active since before the event that led here
     tracker: int  # tracker state
     silence: int  # ticks since the last move, at most `window_ticks`
     fired: int  # the signature that may not fire again yet, or -1
@@ -44,7 +45,7 @@ def start(tables: Tables) -> State:
     initial = tables["initial"]
     location = tables["tracker"][initial][0]
     flow = location if location >= 0 and tables["flow_defined"][location] else -1
-    return State(0, None, (), none, (0,) * len(none), none, none, initial, 0, -1, flow, tables["start"])
+    return State(0, None, (), none, (0,) * len(none), none, none, none, initial, 0, -1, flow, tables["start"])
 
 
 def step(
@@ -60,7 +61,8 @@ def step(
     if valid:
         state = decide(tables["generators"], state, sample_input, sample_output)
     silence = min(state.silence + 1, tables["window_ticks"]) if state.ticks > 0 else 0
-    state = state._replace(ticks=state.ticks + 1, silence=silence)
+    stale = tuple(was and now for was, now in zip(state.stale, state.active, strict=True))
+    state = state._replace(ticks=state.ticks + 1, silence=silence, stale=stale)
     state, signature, inconsistent = track(tables, state, event, before)
     state = state._replace(seen=tuple(was or now for was, now in zip(state.seen, state.active, strict=True)))
     location, provisional = tables["tracker"][state.tracker][:2]
@@ -150,6 +152,9 @@ def track(tables: Tables, state: State, event: int, before: Flags) -> tuple[Stat
             inconsistent = True
             target = tables["restart_on_event"][event - 1] if known else tables["restart"]
         state, moved = move(tables, state, target), True
+        if not tables["tracker"][target][1]:
+            stale = tuple(was and now for was, now in zip(before, state.active, strict=True))
+            state = state._replace(stale=stale)
     target, signature, fired = listen(tables, state, before)
     state = state._replace(fired=fired)
     timeout = tables["tracker"][state.tracker][4]
@@ -170,7 +175,7 @@ def listen(tables: Tables, state: State, before: Flags) -> tuple[int, int, int]:
     for signature, own, quiet, target in tables["tracker"][state.tracker][3]:
         holds = not any(state.active[g] for g in quiet)
         if own >= 0:
-            holds = holds and state.active[own]
+            holds = holds and state.active[own] and not state.stale[own]
             if target == state.tracker:  # a self-loop: the residual was small, left, and has come back just now
                 holds = holds and state.seen[own] and not before[own] and state.silence > 0
         else:  # a negation: generators that had no time to become active are no evidence
@@ -186,7 +191,8 @@ def listen(tables: Tables, state: State, before: Flags) -> tuple[int, int, int]:
 def move(tables: Tables, state: State, tracker: int) -> State:
     """Enter a tracker state; into an identified location the estimate takes the reset of the transition."""
     location, provisional = tables["tracker"][tracker][:2]
-    state = state._replace(tracker=tracker, silence=0, seen=state.active)
+    none = (False,) * len(state.active)
+    state = state._replace(tracker=tracker, silence=0, seen=state.active, stale=none)
     if location < 0:
         return state if provisional else state._replace(flow=-1)
     x = state.x

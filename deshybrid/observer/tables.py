@@ -14,11 +14,14 @@ meets -LARGEST <= v <= LARGEST (so neither NaN nor infinite); the held sample (u
    switches it off).  Debounce: a generator becomes active after `on_ticks` consecutive ticks with the relay on,
    inactive after `off_ticks` consecutive ticks with it off.  At an invalid sample relay, debounce and activity stay.
 3. Tracker.  `silence` = ticks since the last move (0 at the move, and at the start; it stops at `window_ticks`);
-   `seen` = generators active at the tick of the last move or at a later one, up to the tick before this one.
+   `seen` = generators active at the tick of the last move or at a later one, up to the tick before this one; `stale` =
+   generators active at every tick since the one before the last move, where that was by an event and into no
+   provisional state.
    (a) An event moves to `on_event[state][event]`; where that is -1 the tick is inconsistent and the move goes to
    `restart_on_event[event]`; a code that is no event moves to `restart`, inconsistent.
    (b) Then the first candidate of the state that holds moves to its target.  A candidate holds when its `active`
-   generator is active and none of its `quiet` generators is.  A negation (`active` = -1) holds when none of its `quiet`
+   generator is active, not stale (the residual of the location just left is still small when an event comes), and none
+   of its `quiet` generators is active.  A negation (`active` = -1) holds when none of its `quiet`
    generators is active and either one of them is in `seen` or `silence` = `window_ticks`: generators that have not had
    the time to become active are no evidence.  A candidate whose target is the state itself (a self-loop) holds only at
    the tick at which its generator becomes active again: it is in `seen`, was not active a tick ago, and `silence` > 0.

@@ -294,3 +294,11 @@ def test_plain_tables_keep_every_bit() -> None:
     rows = np.array(constants["flow_rows"])
     assert np.array_equal(rows, np.concatenate((small.flow.matrix, small.flow.input, small.flow.output), axis=2))
     assert np.array_equal(np.array(constants["generators"][1]["residual_rows"]), [[1.0, 0.0, 0.05]])
+
+
+def test_a_residual_that_is_still_small_when_an_event_comes_is_no_signature() -> None:
+    """The residual of the location just left is small for a while; only when it comes back does it say anything."""
+    constants = direct_tables(plain_states((), (Candidate(0, 0, (), 2),), ()))
+    samples = [(QUIET, NOISY)] * 3 + [(NOISY, NOISY)] * 2 + [(QUIET, NOISY)] * 2
+    events = [0, 0, 2, 0, 0, 0, 0]
+    assert states(drive(constants, list(zip(samples, events, strict=True)))) == [0, 0, 1, 1, 1, 1, 2]

@@ -410,6 +410,7 @@ static void move(small_state_t *state, int32_t target)
     state->silence = 0;
     for (g = 0; g < GENERATORS; ++g) {
         state->seen[g] = state->active[g];
+        state->stale[g] = 0;
     }
     enter(state);
     SMALL_TRACE(state, SMALL_TRACE_MOVE, target);
@@ -435,7 +436,7 @@ static int holds(const small_state_t *state, int32_t candidate)
     if (own < 0) { /* a negation: generators that had no time to become active are no evidence */
         return state->silence == WINDOW_TICKS || any_quiet(state->seen, candidate);
     }
-    if (!state->active[own]) {
+    if (!state->active[own] || state->stale[own]) {
         return 0;
     }
     if (candidate_target[candidate] == state->tracker) { /* a self-loop: the activity ended and has come back just now */
@@ -464,17 +465,26 @@ static int32_t listen(small_state_t *state)
     return -1;
 }
 
+/* After an event the residual of the location just left is still small: that is no news. */
+static void mark_stale(small_state_t *state)
+{
+    int32_t g;
+    for (g = 0; g < GENERATORS; ++g) {
+        state->stale[g] = (uint8_t)(state->previous[g] && state->active[g] && !tracker_provisional[state->tracker]);
+    }
+}
+
 /* Moves on an event; returns the status, or -1 where the state decides it. */
 static int32_t take_event(small_state_t *state, int32_t event)
 {
     const int known = event >= 1 && event <= EVENTS;
     const int32_t target = known ? tracker_on_event[state->tracker * EVENTS + event - 1] : -1;
     SMALL_TRACE(state, SMALL_TRACE_EVENT, event);
+    move(state, target >= 0 ? target : known ? restart_on_event[event - 1] : RESTART);
+    mark_stale(state);
     if (target >= 0) {
-        move(state, target);
         return -1;
     }
-    move(state, known ? restart_on_event[event - 1] : RESTART);
     return SMALL_STATUS_INCONSISTENT;
 }
 
@@ -548,6 +558,7 @@ void small_init(small_state_t *state)
         state->active[i] = 0;
         state->previous[i] = 0;
         state->seen[i] = 0;
+        state->stale[i] = 0;
         state->relay[i] = 0;
     }
     state->ticks = 0;
@@ -586,6 +597,9 @@ void small_step(small_state_t *state, const small_input_t *input, small_output_t
     }
     if (state->ticks > 0 && state->silence < WINDOW_TICKS) {
         state->silence += 1;
+    }
+    for (g = 0; g < GENERATORS; ++g) {
+        state->stale[g] = state->stale[g] && state->active[g];
     }
     output->status = track(state, input->event, &output->signature);
     for (g = 0; g < GENERATORS; ++g) {

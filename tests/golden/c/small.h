@@ -90,6 +90,7 @@ typedef struct {
     uint8_t active[2]; /* by generator: its location explains the samples */
     uint8_t previous[2]; /* by generator: its activity one step earlier */
     uint8_t seen[2]; /* by generator: was active since the last move */
+    uint8_t stale[2]; /* by generator: active since before the event that led here */
     uint8_t relay[2]; /* by generator: its residual is small */
     uint8_t started; /* a valid sample has been seen */
 } small_state_t;
