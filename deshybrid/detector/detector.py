@@ -4,9 +4,9 @@ In: a hybrid system, the `SignaturePlan` that says which locations need a residu
 Out: a `TransitionDetector` whose every number is either the model's or derived here, with the reason kept.
 
 - Poles: the model's, else the default ones (`residual`), made faster until the guaranteed delay is half the dwell time.
-- Threshold of a channel: what the model states, else 1.2 times the largest |r| that the bounds allow in the own location
-  plus a floor (`thresholds`): while the plant stays, a relay that is on never goes off, and the transient that is left
-  when it goes on may be a fifth of that.
+- Threshold of a channel: what the model states, else 1.2 times the largest |r| that the bounds allow in the own
+  location, plus a floor (`thresholds`): while the plant stays, a relay that is on never goes off, and the transient
+  that is left when it goes on may be a fifth of that.
 - Release: 1.5 times the threshold.
 - Debounce: one time constant of the slowest residual mode, at least two samples.  A residual of another location that
   changes its sign passes through the band between the thresholds; it must not take that long.  Off at once.
@@ -183,7 +183,7 @@ def _fast_enough(
 
 
 def _settling(system: HybridSystem, generator: ResidualGenerator, threshold: DetectionThreshold) -> int | None:
-    """Samples after which the residual is below its threshold for ever, from the worst mismatch that the bounds allow."""
+    """Samples until the residual is below its threshold for ever, from the worst mismatch that the bounds allow."""
     largest = largest_state(system, generator)
     if largest is None or system.bounds.state is None:
         return None
