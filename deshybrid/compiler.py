@@ -50,7 +50,7 @@ _NO_DESIGN: Mapping[str, object] = {
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Recovery:
     """Stage 6: which signatures make the current location observable, and which of them the dynamics allow."""
 
@@ -85,8 +85,11 @@ class Recovery:
     def __str__(self) -> str:
         return str(self.plan)
 
+    def __repr__(self) -> str:
+        return f"<Recovery of {self.plan.des.name}: recoverable={self.plan.recoverable}, signatures={self.plan.names}>"
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Design:
     """Stages 7 and 8: detector, gains, certificates and bound; a part is None where `problems` says why it is missing.
 
@@ -147,6 +150,9 @@ class Design:
             detection_delay=None if self.detector is None else self.detector.detection_delay,
         )
 
+    def __repr__(self) -> str:
+        return f"<Design of {self.system.name}: exists={self.exists}, certified={self.certified}, step={self.step:g} s>"
+
     def __str__(self) -> str:
         name = self.system.name
         if not self.exists:
@@ -170,7 +176,7 @@ class Design:
         return "\n".join(lines)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Compilation:
     """Stage 9: the hybrid observer, None where none exists, with everything it was made from."""
 
@@ -186,6 +192,9 @@ class Compilation:
     def certified(self) -> bool:
         """True where the observer exists and all of its certificates hold."""
         return self.observer is not None and self.design.certified
+
+    def __repr__(self) -> str:
+        return f"<Compilation of {self.design.system.name}: {self.observer!r}, certified={self.certified}>"
 
     def __str__(self) -> str:
         return f"{self.design.recovery.check}\n{self.design.recovery}\n{self.design}"

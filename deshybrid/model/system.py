@@ -175,7 +175,7 @@ class Prior:
     probability: Mapping[str, float] = field(default_factory=_nothing)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class HybridSystem:
     """H: the whole model as numbers, each value leading back to the line of the file it came from."""
 
@@ -203,6 +203,12 @@ class HybridSystem:
     def is_discrete(self) -> bool:
         """True where the model has no continuous state."""
         return not self.state_names
+
+    def __repr__(self) -> str:
+        return (
+            f"<HybridSystem {self.name}: {len(self.locations)} locations, {len(self.transitions)} transitions, "
+            f"states {self.state_names}, inputs {self.input_names}, outputs {self.output_names}>"
+        )
 
     def location(self, name: str) -> Location:
         """Return the location of that name; KeyError if there is none."""
