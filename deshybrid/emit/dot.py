@@ -28,7 +28,7 @@ _FONT = "Helvetica,Arial,sans-serif"
 _INK, _GREY, _BLUE, _RED, _GREEN = "#1f2933", "#7b8794", "#0072b2", "#c8102e", "#00755a"
 _PALE_BLUE, _PALE_ORANGE = "#d6e8f7", "#ffd9a0"
 
-_HUB_ARCS, _STAR_ARCS = 6, 10
+_HUB_ARCS, _STAR_ARCS, _MANY_ARCS, _CROWD_ARCS = 6, 10, 30, 120
 
 _ARC_STYLES: dict[ArcStyle, dict[str, str]] = {
     "plain": {},
@@ -99,26 +99,31 @@ def escape_html(text: str) -> str:
 
 
 def _defaults(picture: Picture) -> list[str]:
-    """Attributes of the whole drawing: chains run from left to right, stars from top to bottom."""
-    star = _is_star(picture)
+    """Attributes of the whole drawing: chains run from left to right, stars downwards, a crowd has no order.
+
+    Many arcs make a wide drawing that is looked at in small: it is set closer, in larger letters.
+    """
+    star, many = _is_star(picture), len(picture.arcs) > _MANY_ARCS
     graph = {
         "id": "drawing",
         "rankdir": "TB" if star else "LR",
         "bgcolor": "white",
         "pad": "0.15",
-        "nodesep": "0.35",
-        "ranksep": "1.3" if star else "0.55",
+        "nodesep": "0.18" if many and not star else "0.35",
+        "ranksep": "1.3" if star else "0.3" if many else "0.55",
         "fontname": _FONT,
-        "fontsize": "11",
+        "fontsize": "14" if many else "11",
         "fontcolor": _INK,
         "labelloc": "b",
     }
-    node = {"fontname": _FONT, "fontsize": "13", "height": "0.5", "margin": "0.1,0.05", "color": _INK}
-    edge = {"fontname": _FONT, "fontsize": "11", "color": _INK, "fontcolor": _INK, "arrowsize": "0.75"}
+    if _is_crowded(picture):  # levels would take minutes, and nobody could follow the arcs
+        graph |= {"layout": "sfdp", "overlap": "prism", "splines": "line", "K": "1.2"}
+    node = {"fontname": _FONT, "fontsize": "16" if many else "13", "height": "0.5", "margin": "0.1,0.05"}
+    edge = {"fontname": _FONT, "fontsize": "14" if many else "11", "fontcolor": _INK, "arrowsize": "0.75"}
     return [
         f"  graph [{_attributes(graph)}, label=<{_caption(picture)}>]",
-        f"  node [{_attributes(node)}]",
-        f"  edge [{_attributes(edge)}]",
+        f"  node [{_attributes(node | {'color': _INK})}]",
+        f"  edge [{_attributes(edge | {'color': _INK})}]",
     ]
 
 
@@ -167,6 +172,11 @@ def _degrees(picture: Picture) -> list[int]:
 def _is_star(picture: Picture) -> bool:
     """One node meets at least half of the arcs: its spokes then stand side by side below it."""
     return max(_degrees(picture), default=0) >= max(_STAR_ARCS, len(picture.arcs) / 2)
+
+
+def _is_crowded(picture: Picture) -> bool:
+    """So many arcs between so few nodes that a layout in levels does not help."""
+    return len(picture.arcs) > max(_CROWD_ARCS, 1.5 * len(picture.nodes))
 
 
 def _hubs_first(picture: Picture) -> list[Node]:

@@ -1,8 +1,10 @@
 """Drawings: SVG by ids and counts, hostile names in every format, the fallback, the same bytes every time."""
 
 import os
+import random
 import subprocess
 import sys
+import time
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -10,6 +12,7 @@ import pytest
 from test_emit_dot import driveline, fig2, report
 
 from deshybrid.des.automaton import DES
+from deshybrid.des.observability import check_observability
 from deshybrid.diagnostics import DeshybridError, UsageError, catalogue
 from deshybrid.emit import drawing
 from deshybrid.emit.dot import des_dot, observer_dot
@@ -153,6 +156,24 @@ def test_every_code_of_this_part_is_explained() -> None:
     ]
 
 
+def crowd(locations: int, arcs: int) -> Picture:
+    chance = random.Random(1)
+    names = [f"L{i}" for i in range(locations)]
+    rows = [(chance.choice(names), "e", chance.choice(names), chance.choice("αβγ")) for _ in range(arcs)]
+    return des_picture(check_observability(DES.from_transitions(rows), method="pairs"), title="crowd")
+
+
+def test_crowded_graph_is_drawn_without_levels_within_seconds() -> None:
+    """In levels this one takes two minutes."""
+    picture = crowd(100, 300)
+    before = time.process_time()
+    svg = draw(picture, "svg")
+    assert time.process_time() - before < 20
+    assert b"sfdp" in draw(picture, "dot")
+    assert len(groups(svg, "node")) == len(picture.nodes)
+    assert b"sfdp" not in draw(crowd(30, 60), "dot")
+
+
 _SCRIPT = """
 import sys
 sys.path.insert(0, "tests/unit")
@@ -160,6 +181,7 @@ from test_emit_drawing import *
 for format in ("svg", "png", "pdf", "mmd", "graphml"):
     sys.stdout.buffer.write(draw(hostile_picture(), format))
     sys.stdout.buffer.write(draw(observer_picture(report(driveline(complementary=True)), title="t"), format))
+sys.stdout.buffer.write(draw(crowd(60, 200), "svg"))
 """
 
 
