@@ -1,6 +1,6 @@
 """Messages about gains: what is wrong with a wish, and what a warning has to name.
 
-In: a system and the Kalman split of a location.  Out: diagnostics DH0502 to DH0511; explanations in `explanations/05`.
+In: a system and the Kalman split of a location.  Out: diagnostics DH0502 to DH0513; explanations in `explanations/05`.
 """
 
 from collections.abc import Mapping

@@ -64,6 +64,18 @@ def dwell_lower_limit(
 
     `longest` (s): where the search starts, for example the required dwell time of a certificate; default: twenty times
     the slowest time constant of the closed loops.  In discrete time stays are whole steps.
+
+    >>> from deshybrid.continuous.gains import design_gains
+    >>> from deshybrid.model.load import loads
+    >>> system = loads('''
+    ... {format: deshybrid/1, name: kicked, state: [x], output: [y], disturbance: [w], bounds: {disturbance: 0.1},
+    ...  locations: {p: {A: [[-1]], C: [[0]], E: [[1]]}},
+    ...  transitions: [{from: p, to: p, event: kick, emits: kick, reset: {matrix: [[4]]}}]}
+    ... ''')
+    >>> gains = design_gains(system, ("p",), rate=0.5)
+    >>> limit = dwell_lower_limit(system, gains, longest=5.0)
+    >>> round(limit.value, 4), limit.cycle.locations  # here the certificate asks for no more: log(4)/0.5
+    (2.7726, ('p',))
     """
     rate = gains.rate if rate is None else rate
     require_positive("rate", rate)

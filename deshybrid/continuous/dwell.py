@@ -20,7 +20,7 @@ Source: Balluchi et al. (2012), (20), Theorems 6 and 7 and their proofs (β = D 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import ceil, inf, isfinite
+from math import ceil, inf, isfinite, nextafter
 from types import MappingProxyType
 from typing import Literal, TypeAlias
 
@@ -97,6 +97,18 @@ def certify_dwell(
         Δ, a bound of the time between a transition and its detection.
 
     Raises `UsageError` (DH0508) for a rate or dwell time that is not positive or a negative delay.  "No" is a value.
+
+    >>> from deshybrid.continuous.gains import design_gains
+    >>> from deshybrid.model.load import loads
+    >>> system = loads('''
+    ... {format: deshybrid/1, name: kicked, state: [x], output: [y], disturbance: [w], bounds: {disturbance: 0.1},
+    ...  locations: {p: {A: [[-1]], C: [[0]], E: [[1]]}},
+    ...  transitions: [{from: p, to: p, event: kick, emits: kick, reset: {matrix: [[4]]}}]}
+    ... ''')
+    >>> gains = design_gains(system, ("p",), rate=0.5)
+    >>> found = certify_dwell(system, gains, dwell=3.0)
+    >>> found.holds, round(found.required_dwell, 6)  # log(4)/(1 - 0.5)
+    (True, 2.772589)
     """
     dynamics = error_dynamics(system, gains.gains)
     return certify(dynamics, gains, rate=rate, dwell=dwell, delay=delay)
@@ -145,7 +157,7 @@ def certify(
     scale = best_scale(dynamics, gains.scale, rate)
     bases = {name: modal_basis(dynamics.matrices[name], scale, step=dynamics.step) for name in dynamics.locations}
     terms = {name: location_terms(dynamics, name, bases[name], scale, rate) for name in dynamics.locations}
-    required = delay + max((term.required for term in terms.values()), default=0.0)
+    required = _sum_rounded_up(delay, max((term.required for term in terms.values()), default=0.0))
     stated = dwell if dwell is not None else max(required, delay + LEAST / rate)
     holds = isfinite(required) and _long_enough(stated - delay, required - delay, dynamics.step)
     theorem: Theorem = "B12-6" if delay == 0 else "B12-7"
@@ -172,7 +184,7 @@ def location_terms(dynamics: ErrorDynamics, name: str, basis: ModalBasis, scale:
     norm = _rounded_norm(dynamics, name, scale)
     required = needed_dwell(basis, norm, rate) * (1 + ROUND_UP)
     if dynamics.step is not None and isfinite(required):
-        required = stay_steps(required, dynamics.step) * dynamics.step
+        required = ceil(required / dynamics.step) * dynamics.step
     return DwellTerms(basis.alpha, basis.kappa, norm, required)
 
 
@@ -191,6 +203,11 @@ def _rounded_norm(dynamics: ErrorDynamics, name: str, scale: FloatArray) -> floa
     if all(np.array_equal(matrix, np.eye(len(scale))) for matrix in matrices):
         return 1.0 if matrices else 0.0
     return reset_norm(matrices, scale) * (1 + ROUND_UP)
+
+
+def _sum_rounded_up(delay: float, stay: float) -> float:
+    """delay + stay, such that the exact difference to the delay is not below the stay."""
+    return nextafter(delay + stay, inf) if delay > 0 and 0 < stay < inf else delay + stay
 
 
 def _long_enough(stay: float, required: float, step: float | None) -> bool:

@@ -15,7 +15,7 @@ from math import inf, log
 
 import numpy as np
 
-from deshybrid.continuous.modes import ModalBasis, decay_rate, modal_basis
+from deshybrid.continuous.modes import ModalBasis, modal_basis
 from deshybrid.continuous.placement import place_detectable
 from deshybrid.diagnostics import GainError, diagnostic
 from deshybrid.linear.arrays import ComplexArray, FloatArray
@@ -156,4 +156,4 @@ def _trial(task: GainTask, poles: ComplexArray) -> _Trial | None:
     return _Trial(gain, needed_dwell(basis, task.reset_norm, task.certified_rate), size)
 
 
-__all__ = ["GainTask", "decay_rate", "default_gain", "from_plane_s", "needed_dwell", "reset_norm", "to_plane_s"]
+__all__ = ["GainTask", "default_gain", "from_plane_s", "needed_dwell", "reset_norm", "to_plane_s"]

@@ -85,6 +85,17 @@ def ultimate_bound(
     Defaults are those of `certify_dwell`, which has to hold; else `value` is None and `reason` says why.  Also needed:
     `bounds.disturbance` where a disturbance enters; with a delay also `bounds.state` and `bounds.input`.  Measurement
     noise counts as zero where `bounds.measurement` is not stated, and the reason says so.
+
+    >>> from deshybrid.continuous.gains import design_gains
+    >>> from deshybrid.model.load import loads
+    >>> system = loads('''
+    ... {format: deshybrid/1, name: kicked, state: [x], output: [y], disturbance: [w], bounds: {disturbance: 0.1},
+    ...  locations: {p: {A: [[-1]], C: [[0]], E: [[1]]}},
+    ...  transitions: [{from: p, to: p, event: kick, emits: kick, reset: {matrix: [[4]]}}]}
+    ... ''')
+    >>> gains = design_gains(system, ("p",), rate=0.5)
+    >>> round(ultimate_bound(system, gains, dwell=6.0).value, 2)  # at most 0.1, four times that after a kick
+    0.51
     """
     certificate = certify_dwell(system, gains, rate=rate, dwell=dwell, delay=delay)
     missing = missing_bounds(system, gains.locations, delay)

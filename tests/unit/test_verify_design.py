@@ -157,6 +157,16 @@ def test_a_certificate_that_holds_with_equality_is_accepted() -> None:
     assert not verify_design(tree).holds
 
 
+def test_a_required_dwell_time_that_is_tiny_beside_the_delay_is_still_proved() -> None:
+    """Decoupled modes have κ = 1 up to rounding: less than a nanosecond is needed, and the delay is 0.3 s."""
+    system = switched({"p": linear(np.diag([-3.0, -4.0]), [[1, 0]])}, [("p", "p", None)])
+    gains = design_gains(system, ("p",), rate=0.5)
+    certificates = [certify_dwell(system, gains, delay=0.3), certify_sampled(system, gains, step=0.01, delay=0.3)]
+    assert all(entry.required_dwell < 0.3101 for entry in certificates)
+    report = verify_design(json.loads(json.dumps(design_document(system, gains, certificates))))
+    assert report.holds, str(report)
+
+
 MALFORMED: list[tuple[tuple[str | int, ...], object]] = [
     (("system",), None),
     (("system", "locations"), []),
