@@ -1,9 +1,10 @@
 """Sphinx configuration: Markdown pages, the Python interface from the docstrings."""
 
 import re
+from collections.abc import Iterator
 from importlib.metadata import version as installed_version
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeAlias
 
 project = "deshybrid"
 author = "the deshybrid developers"
@@ -16,12 +17,20 @@ autodoc_default_options = {"members": True, "ignore-module-all": True}
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 napoleon_google_docstring = False
+python_maximum_signature_line_length = 110
 exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = "deshybrid"
+html_static_path = ["_static"]
+html_css_files = ["deshybrid.css"]
 
+_WRITTEN: dict[str, list[str]] = {}
+Text: TypeAlias = str | None
+_HEADING = re.compile(r"\w+\n---+\n")
+_ARRAY = re.compile(r"~?(?:numpy\.)?ndarray\[.*?dtype\[~?(?:numpy\.)?(float|complex)\w*\]\]")
 _ITEM = re.compile(r"(- |\d+\. )")
 _CODE = re.compile(r"`([^`]+)`")
+_EMPHASIS = re.compile(r"\\\*(\w[\w -]*)\\\*(?!\w)")
 
 
 def plain_to_rst(text: str) -> str:
@@ -35,8 +44,21 @@ def plain_to_rst(text: str) -> str:
     - small
     - large
     """
-    blocks = re.split(r"\n\s*\n", text.strip("\n"))
-    return "\n\n".join(_block(block) for block in blocks)
+    blocks = [_block(block) for block in re.split(r"\n\s*\n", text.strip("\n"))]
+    return "\n\n".join(_headed(blocks))
+
+
+def _headed(blocks: list[str]) -> Iterator[str]:
+    """What follows a section such as `Raises` without a heading of its own gets one, so that it does not join it."""
+    inside = False
+    for block in blocks:
+        heading = ""
+        if _HEADING.match(block):
+            inside = True
+        elif inside:
+            inside = False
+            heading = "Examples\n--------\n" if block.startswith(">>>") else "Notes\n-----\n"
+        yield heading + block
 
 
 def _block(block: str) -> str:
@@ -56,7 +78,7 @@ def _escaped(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    return re.sub(r"([\\|*`]|_(?!\w))", r"\\\1", text)
+    return _EMPHASIS.sub(r"*\1*", re.sub(r"([\\|*`]|_(?!\w))", r"\\\1", text))
 
 
 def _separated(lines: list[str]) -> str:
@@ -71,10 +93,34 @@ def _separated(lines: list[str]) -> str:
     return "\n".join(result)
 
 
-def _rewrite(_app: Any, _what: str, _name: str, _object: Any, _options: Any, lines: list[str]) -> None:
+def _rewrite(_app: Any, _what: str, name: str, _object: Any, _options: Any, lines: list[str]) -> None:
     lines[:] = [*plain_to_rst("\n".join(lines)).split("\n"), ""]
+    _WRITTEN[name] = lines.copy()
+
+
+def _restore(_app: Any, what: str, name: str, _object: Any, _options: Any, lines: list[str]) -> None:
+    """Napoleon takes what stands before the first colon of a property for its type."""
+    if what in ("property", "attribute", "data"):
+        lines[:] = _WRITTEN.pop(name, lines)
+
+
+def _short(_app: Any, _what: str, _name: str, _object: Any, _options: Any, signature: Text, returns: Text) -> Any:
+    """Signatures with the names of array types that the source has."""
+
+    def shorten(text: Text) -> Text:
+        return text and _ARRAY.sub(lambda found: f"{found[1].title()}Array", text)
+
+    return shorten(signature), shorten(returns)
+
+
+def _is_silent(_app: Any, _what: str, _name: str, value: Any, skip: bool, _options: Any) -> bool | None:
+    """Fields of named tuples have a docstring that says nothing."""
+    return True if str(getattr(value, "__doc__", "")).startswith("Alias for field number") else None
 
 
 def setup(app: Any) -> None:
-    """Rewrite docstrings before napoleon reads their sections."""
+    """Rewrite docstrings before napoleon reads their sections, and mend afterwards what it should not have read."""
     app.connect("autodoc-process-docstring", _rewrite, priority=100)
+    app.connect("autodoc-process-docstring", _restore, priority=900)
+    app.connect("autodoc-process-signature", _short)
+    app.connect("autodoc-skip-member", _is_silent)
