@@ -177,9 +177,15 @@ def _content(
         real=wishes.real,
         files=names,
         prefix=prefix,
-        options=tuple((key, str(value)) for key, value in _options(made, wishes).items()),
+        options=tuple((key, _shown(value)) for key, value in _options(made, wishes).items()),
         warnings=made.diagnostics,
     )
+
+
+def _shown(option: object) -> str:
+    if isinstance(option, list):
+        return ", ".join(map(str, option))
+    return "default" if option is None else str(option)
 
 
 def _options(made: Compilation, wishes: Wishes) -> dict[str, object]:

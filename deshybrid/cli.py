@@ -4,6 +4,8 @@ Exit codes: 0 done and the answer is yes, 1 done and the answer is no, 2 the inp
 limit was reached.  Never a traceback on input.  A command imports what it needs when it runs: the start stays light.
 """
 
+import io
+import os
 import signal
 import sys
 from collections.abc import Iterable, Iterator
@@ -50,7 +52,9 @@ Model = Annotated[str, typer.Argument(metavar="MODEL", help="a model file, or - 
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="write the result here instead of standard output")]
 AsJson = Annotated[bool, typer.Option("--json", help="write JSON")]
 MaxStates = Annotated[int, typer.Option(min=1, help="stop with exit code 3 beyond this many observer states")]
-Timeout = Annotated[float | None, typer.Option(min=0.001, help="stop with exit code 3 after this many seconds")]
+Timeout = Annotated[
+    float | None, typer.Option(min=0.001, max=1e7, help="stop with exit code 3 after this many seconds")
+]
 Rate = Annotated[float | None, typer.Option(help="rate of convergence in 1/s; default: the model's `observer: rate`")]
 DwellTime = Annotated[float | None, typer.Option(help="dwell time in s; default: the model's")]
 Step = Annotated[float | None, typer.Option(help="sampling step in s; default: the model's `observer: step`")]
@@ -61,6 +65,7 @@ DrawWhat = Literal["des", "dprime", "observer", "complementary", "complementary-
 
 def main() -> None:
     """Run the command line; every error the user can cause ends in a message and an exit code."""
+    _open_missing_streams()
     try:
         app()
     except LimitReached as error:
@@ -72,9 +77,18 @@ def main() -> None:
     except DeshybridError as error:
         _say(error.diagnostics)
         sys.exit(WRONG)
-    except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(YES)
+    except OSError as error:
+        _say([diagnostic("DH0805", f"cannot read or write: {error.strerror}")])
+        sys.exit(WRONG)
+
+
+def _open_missing_streams() -> None:
+    """A closed standard stream is None in Python; an empty one says the same without a traceback."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115 - lives as long as the process
+    if isinstance(sys.stderr, io.TextIOWrapper):
+        sys.stderr.reconfigure(errors="backslashreplace")
 
 
 def _say(diagnostics: Iterable[Diagnostic]) -> None:
@@ -90,7 +104,7 @@ def _finish(answer: bool) -> NoReturn:
 def _write(output: Path | None, text: str | bytes) -> None:
     from deshybrid.emit.files import write_result
 
-    write_result(output, text.encode() if isinstance(text, str) else text)
+    write_result(output, text.encode(errors="backslashreplace") if isinstance(text, str) else text)
 
 
 @contextmanager
@@ -180,7 +194,7 @@ def design(
 @app.command("compile")
 def compile_model(
     model: Model,
-    output: Annotated[Path, typer.Option("-o", "--output", help="the folder for everything that is written")],
+    output: Annotated[str, typer.Option("-o", "--output", help="the folder for everything that is written")],
     target: Annotated[list[Target] | None, typer.Option(help="code to generate; may be repeated")] = None,
     real: Annotated[Literal["double", "float"], typer.Option(help="the generated C's type of real numbers")] = "double",
     prefix: Annotated[
@@ -198,12 +212,15 @@ def compile_model(
     from deshybrid.emit.files import write_tree
     from deshybrid.emit.records import to_json
 
+    if not output:
+        raise UsageError(diagnostic("DH0805", "`-o` names no folder"))
+    folder = Path(output)
     wishes = bundle.Wishes(tuple(target or ("c", "python")), real, prefix)
     with _limited(timeout):
         made = compiler.compile(model, rate=rate, dwell=dwell, step=step, max_states=max_states)
         files = bundle.files(made, wishes)
-    write_tree(output, files)
-    _write(None, to_json(bundle.record(made)) if as_json else f"{made}\n{_listing(output, files)}")
+    write_tree(folder, files)
+    _write(None, to_json(bundle.record(made)) if as_json else f"{made}\n{_listing(folder, files)}")
     _say(made.diagnostics)
     _finish(made.certified)
 
@@ -246,6 +263,7 @@ def simulate(
     seed: Annotated[int, typer.Option(min=0, help="the same seed gives the same bytes")] = 0,
     duration: Annotated[float | None, typer.Option(min=0.0, help="seconds; default: the model's, or 60")] = None,
     step: Step = None,
+    timeout: Timeout = None,
     output: Output = None,
 ) -> None:
     """Simulate the plant with disturbances and sensors, and write the trace with its truth."""
@@ -253,7 +271,8 @@ def simulate(
     from deshybrid.simulate.execution import simulate as execute
     from deshybrid.simulate.trace import write_trace
 
-    execution = execute(compiler.to_hybrid(model), seed=seed, duration=duration, step=step)
+    with _limited(timeout):
+        execution = execute(compiler.to_hybrid(model), seed=seed, duration=duration, step=step)
     _write(output, write_trace(execution.trace))
     if execution.stop is not None:
         _say([execution.stop.diagnostic])
@@ -267,11 +286,15 @@ def draw(
     output: Output = None,
     kind: Annotated[DrawFormat | None, typer.Option("--format", help="default: the suffix of -o, else svg")] = None,
     max_states: MaxStates = 100_000,
+    timeout: Timeout = None,
 ) -> None:
     """Draw the automaton or an observer; persistent, C1- and C2-failing parts are visible at a glance."""
     from deshybrid import bundle
 
-    _write(output, bundle.drawing(model, what, kind or bundle.format_of(output), max_states=max_states))
+    chosen = kind or bundle.format_of(output)
+    with _limited(timeout):
+        picture = bundle.drawing(model, what, chosen, max_states=max_states)
+    _write(output, picture)
 
 
 @app.command()
@@ -280,7 +303,7 @@ def verify(
     as_json: AsJson = False,
     output: Output = None,
 ) -> None:
-    """Check every claim of a design in exact arithmetic, without the code that made it."""
+    """Check the certificates of a design in exact arithmetic, without the code that made them."""
     from deshybrid.emit.records import to_json
     from deshybrid.verify import read_design, verify_design
 

@@ -20,27 +20,50 @@ def write_whole(target: Path, content: bytes) -> None:
     >>> [entry.name for entry in folder.iterdir()]
     ['a.txt']
     """
-    temporary = None
+    place = Path(os.path.realpath(target))  # a link stays a link; what it points to is written
     try:
-        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, target)
+        if place.exists() and not place.is_file() and not place.is_dir():
+            place.write_bytes(content)  # a device or a pipe has no whole to replace
+        else:
+            _replace(place, content)
     except OSError as error:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
         raise UsageError(diagnostic("DH0805", f"cannot write `{target}`: {error.strerror}")) from error
 
 
+def _replace(place: Path, content: bytes) -> None:
+    handle, temporary = tempfile.mkstemp(dir=place.parent, prefix=f".{place.name}.")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, place)
+    except OSError:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
 def write_result(output: Path | None, content: bytes) -> None:
-    """Write a command's result to `output`, or to standard output where it is None or `-`."""
-    if output is None or str(output) == "-":
+    """Write a command's result to `output`, or to standard output where it is None or `-`.
+
+    A reader of standard output that has gone away (`| head`) is no mistake.  Raises `UsageError` (DH0805) where the
+    result cannot be written.
+    """
+    if output is not None and str(output) != "-":
+        write_whole(output, content)
+        return
+    try:
         sys.stdout.flush()
         sys.stdout.buffer.write(content)
         sys.stdout.buffer.flush()
-    else:
-        write_whole(output, content)
+    except OSError as error:
+        _abandon_standard_output()
+        if not isinstance(error, BrokenPipeError):
+            raise UsageError(diagnostic("DH0805", f"cannot write standard output: {error.strerror}")) from error
+
+
+def _abandon_standard_output() -> None:
+    """What is left in the buffer must not fail once more when the process ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def write_tree(folder: Path, files: Mapping[str, bytes]) -> None:
@@ -53,7 +76,9 @@ def write_tree(folder: Path, files: Mapping[str, bytes]) -> None:
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise UsageError(diagnostic("DH0805", f"cannot make the folder `{target.parent}`: {error.strerror}")) from error
+            raise UsageError(
+                diagnostic("DH0805", f"cannot make the folder `{target.parent}`: {error.strerror}")
+            ) from error
         write_whole(target, content)
 
 

@@ -223,3 +223,37 @@ def test_a_missing_file_and_an_unknown_command_are_wrong_calls() -> None:
     assert deshybrid("check", "no_such_model.yaml").returncode == 2
     assert deshybrid("estimate", FIG2).returncode == 2
     assert deshybrid("check").returncode == 2
+
+
+def test_a_link_stays_a_link_and_a_pipe_a_pipe(tmp_path: Path) -> None:
+    (tmp_path / "real.json").write_text("old", encoding="utf-8")
+    (tmp_path / "link.json").symlink_to(tmp_path / "real.json")
+    assert deshybrid("schema", "-o", tmp_path / "link.json").returncode == 0
+    assert (tmp_path / "link.json").is_symlink()
+    assert "$schema" in (tmp_path / "real.json").read_text(encoding="utf-8")
+    assert deshybrid("schema", "-o", "/dev/null").returncode == 0
+    assert not Path("/dev/null").is_file()
+
+
+@pytest.mark.parametrize("words", [["schema"], ["check", FIG2], ["explain", "DH0401"]])
+def test_a_full_device_is_a_coded_message_and_a_reader_that_left_is_none(words: list[object]) -> None:
+    command = " ".join([sys.executable, "-m", "deshybrid.cli", *map(str, words)])
+    full = subprocess.run(["sh", "-c", f"{command} > /dev/full"], capture_output=True, text=True, check=False)
+    assert (full.returncode, "error[DH0805]" in full.stderr, "Traceback" in full.stderr) == (2, True, False)
+    left = subprocess.run(["sh", "-c", f"{command} | head -n 0"], capture_output=True, text=True, check=False)
+    assert "Traceback" not in left.stderr
+    closed = subprocess.run(["sh", "-c", f"{command} >&- <&-"], capture_output=True, text=True, check=False)
+    assert "Traceback" not in closed.stderr
+
+
+def test_a_folder_without_a_name_and_a_limit_without_end_are_wrong_calls(tmp_path: Path) -> None:
+    assert deshybrid("compile", FIG2, "-o", "").returncode == 2
+    assert deshybrid("check", FIG2, "--timeout", "inf").returncode == 2
+    assert deshybrid("check", FIG2, "-o", tmp_path).returncode == 2
+    assert deshybrid("check", FIG2, "-o", tmp_path / "missing" / "out").returncode == 2
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_time_limit_ends_in_exit_code_3() -> None:
+    done = deshybrid("recover", DRIVELINE, "--timeout", "0.001")
+    assert (done.returncode, "error[DH0903]" in done.stderr) == (3, True)
