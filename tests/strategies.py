@@ -115,9 +115,7 @@ def _location(draw: st.DrawFn, name: str, n: int) -> Location:
     matrix = np.array(draw(st.lists(entries, min_size=n * n, max_size=n * n))).reshape(n, n) - 2.0 * np.eye(n)
     drift = np.array(draw(st.lists(entries, min_size=n, max_size=n)))
     shortest = draw(st.sampled_from([None, 0.15, 0.4]))
-    dynamics = LinearDynamics(
-        matrix, np.ones((n, 1)), np.eye(n)[:1], np.zeros((1, 1)), np.eye(n), drift, np.zeros(1)
-    )
+    dynamics = LinearDynamics(matrix, np.ones((n, 1)), np.eye(n)[:1], np.zeros((1, 1)), np.eye(n), drift, np.zeros(1))
     return Location(name, dynamics, Dwell(shortest), input_index=(0,), output_index=(0,))
 
 

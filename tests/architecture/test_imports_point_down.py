@@ -60,11 +60,14 @@ def test_the_verifier_imports_nothing_that_makes_certificates() -> None:
 
 
 def test_starting_a_command_loads_neither_scipy_nor_networkx() -> None:
-    code = "import sys, deshybrid.cli; print([m for m in ('scipy', 'networkx', 'pygraphviz', 'jinja2') if m in sys.modules])"
+    heavy = ("scipy", "networkx", "pygraphviz", "jinja2")
+    code = f"import sys, deshybrid.cli; print([name for name in {heavy} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
 
 def test_no_file_of_the_package_is_longer_than_400_lines() -> None:
-    long = [str(p.relative_to(ROOT)) for p in sorted(ROOT.rglob("*.py")) if p.read_text(encoding="utf-8").count("\n") > 400]
+    long = [
+        str(p.relative_to(ROOT)) for p in sorted(ROOT.rglob("*.py")) if p.read_text(encoding="utf-8").count("\n") > 400
+    ]
     assert long == []
