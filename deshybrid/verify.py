@@ -28,16 +28,14 @@ from deshybrid.linear.exact import (
     diagonal,
     exponential_below,
     is_positive_semidefinite,
-    matrix_exponential,
     product,
     scaled,
     transposed,
 )
+from deshybrid.linear.exact_sampling import is_difference, is_sampled_form
 
 PART_OF_A_STEP = Fraction(1, 10**6)
 PROPOSED = Fraction(1, 10**10)
-SAME = Fraction(1, 10**6)
-"""The sampled matrices are the gains' to this share; the certificate itself is about the stored matrices, exactly."""
 THEOREMS = ("B12-6", "B12-7", "B12-6-sampled", "B12-7-sampled")
 
 
@@ -134,9 +132,8 @@ def _statement(plant: Plant, claim: Claim) -> Iterator[tuple[str, bool]]:
 def _location_checks(plant: Plant, claim: Claim, name: str) -> Iterator[tuple[str, bool]]:
     error, term, basis = plant.error_matrix(name), claim.terms[name], claim.bases[name]
     if claim.theorem.endswith("-sampled") and claim.step is not None:
-        made = _sampled(plant, name, claim.step)
         error = claim.matrices[name]
-        yield "M is e^{A h} minus the sampled gain times C, to one part in 10⁶", _close(error, made)
+        yield _made_from_the_gains(plant, claim, name, claim.step)
     Q = combined(product(basis[0], transposed(basis[0])), product(basis[1], transposed(basis[1])))
     if claim.step is None:
         drift = product(error, Q)
@@ -183,41 +180,24 @@ def _condition_holds(Q: Rational, scale: tuple[Fraction, ...], kappa: Fraction) 
         return False
     inverse = diagonal([1 / value for value in scale])
     shaped = product(product(inverse, Q), inverse)
-    largest = np.linalg.eigvalsh(np.array([[float(value) for value in row] for row in shaped])).max()
-    if kappa < 1 or not np.isfinite(largest) or largest <= 0:
+    size = max(abs(value) for row in shaped for value in row)
+    if kappa < 1 or size == 0:
         return False
+    shaped = scaled(shaped, 1 / size)
+    largest = np.linalg.eigvalsh(np.array([[float(value) for value in row] for row in shaped])).max()
     unit = diagonal([Fraction(float(largest)) * (1 + PROPOSED)] * len(scale))
     return is_positive_semidefinite(combined(unit, shaped, -1)) and is_positive_semidefinite(
         combined(scaled(shaped, kappa**2), unit, -1)
     )
 
 
-def _sampled(plant: Plant, name: str, step: Fraction) -> tuple[Rational, Rational] | None:
-    """e^{A h} and (integral of e^{F s} ds over [0, h]) G C, to 40 digits; None where the step is out of proportion."""
-    A, C = plant.locations[name]
-    error, gain = plant.error_matrix(name), plant.gains[name]
-    n, p = len(A), len(C)
-    block = tuple((*row, *push) for row, push in zip(error, gain, strict=True))
-    block += tuple((Fraction(),) * (n + p) for _ in range(p))
-    try:
-        flow = matrix_exponential(scaled(A, step))
-        pushed = matrix_exponential(scaled(block, step))
-    except ValueError:
-        return None
-    return flow, product(tuple(row[n:] for row in pushed[:n]), C) if p else scaled(flow, 0)
-
-
-def _close(stored: Rational, parts: tuple[Rational, Rational] | None) -> bool:
-    """Whether M equals the difference of its two parts, to one part in 10⁶ of the larger of them in each row."""
-    if parts is None:
-        return False
-    size = [max(abs(value) for value in (*x, *y)) for x, y in zip(*parts, strict=True)]
-    made = combined(*parts, -1)
-    return all(
-        abs(a - b) <= SAME * unit
-        for line, row, unit in zip(stored, made, size, strict=True)
-        for a, b in zip(line, row, strict=True)
-    )
+def _made_from_the_gains(plant: Plant, claim: Claim, name: str, step: Fraction) -> tuple[str, bool]:
+    (A, C), gain, M = plant.locations[name], plant.gains[name], claim.matrices[name]
+    if plant.time_step is not None:
+        made = product(gain, C) if C else scaled(A, 0)
+        return "M is A - G C, to one part in 10⁶", is_difference(M, A, made)
+    said = "M is e^{A h} minus the sampled gain times C, to one part in 10⁶"
+    return said, is_sampled_form(M, A, C, gain, step)
 
 
 __all__ = ["Check", "VerifyReport", "read_design", "verify_design"]

@@ -12,8 +12,10 @@ from typing import TypeAlias
 Rational: TypeAlias = tuple[tuple[Fraction, ...], ...]
 BITS = 256
 """Enclosures of exponentials are rounded outwards to this many binary places."""
-LARGEST_ROW = 100_000
+LARGEST_ROW = 10**15
 """A matrix exponential is refused beyond this row sum of its exponent."""
+LARGEST_RESULT = 1024
+"""It is refused too where an entry has more binary places before the point than a double."""
 LARGEST = 700
 """Beyond this exponent a lower bound of the exponential stays where it is."""
 
@@ -109,7 +111,7 @@ def _enclosed(exponent: Fraction) -> tuple[Fraction, Fraction]:
 def matrix_exponential(matrix: Rational) -> Rational:
     """Return e^matrix to some 40 digits (not an enclosure): Taylor's series in 256-bit fixed point, then squaring.
 
-    Raises ValueError if a row sum of |matrix| exceeds 100,000.
+    Raises ValueError if a row sum of |matrix| exceeds 10¹⁵, or the result the range of doubles.
 
     >>> float(matrix_exponential(rational([[1.0]]))[0][0])
     2.718281828459045
@@ -127,6 +129,8 @@ def matrix_exponential(matrix: Rational) -> Rational:
         total = [[a + b for a, b in zip(x, y, strict=True)] for x, y in zip(total, term, strict=True)]
     for _ in range(halvings):
         total = _fixed_product(total, total, unit)
+        if max(abs(value) for row in total for value in row) > unit << LARGEST_RESULT:
+            raise ValueError("the exponential is too large")
     return tuple(tuple(Fraction(value, unit) for value in row) for row in total)
 
 

@@ -11,6 +11,9 @@ import numpy as np
 from deshybrid.linear.arrays import FloatArray, frozen_array
 from deshybrid.linear.dynamics import LinearDynamics
 
+TINY = float(np.finfo(np.float64).tiny)
+"""An input column is scaled by at least this, so that a column of zeros stays one."""
+
 
 def flow_and_integral(A: FloatArray, inputs: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
     """Return e^{A h} and the integral of e^{A s} ds over [0, h] times `inputs`; shapes (n, n), (n, k).
@@ -19,15 +22,18 @@ def flow_and_integral(A: FloatArray, inputs: FloatArray, step: float) -> tuple[F
     >>> float(flow[0, 0]), float(integral[0, 0])
     (1.0, 0.5)
     """
-    from scipy.linalg import expm
+    from scipy.linalg import expm, matrix_balance
 
     n, k = A.shape[0], inputs.shape[1]
-    # The integral is linear in `inputs`; made as small as A, they do not spoil the accuracy of the exponential.
-    unit = max(1.0, float(np.abs(inputs).max(initial=0.0))) / max(1.0, float(np.abs(A).max(initial=0.0)))
+    # The exponential is as accurate as its matrix is balanced; the integral is linear in each column of `inputs`.
+    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True) if n else (A, (np.ones(0), None))
+    pushed = inputs / scale[:, None]
+    size = max(1.0, float(np.abs(balanced).max(initial=0.0)))
+    units = np.maximum(np.abs(pushed).max(axis=0, initial=0.0) / size, TINY)
     block = np.zeros((n + k, n + k))
-    block[:n, :n], block[:n, n:] = A, inputs / unit
+    block[:n, :n], block[:n, n:] = balanced, pushed / units
     whole = expm(block * step)
-    return np.asarray(whole[:n, :n]), np.asarray(whole[:n, n:]) * unit
+    return whole[:n, :n] * scale[:, None] / scale, whole[:n, n:] * scale[:, None] * units
 
 
 def sample_dynamics(dynamics: LinearDynamics, step: float) -> LinearDynamics:

@@ -286,3 +286,25 @@ def test_the_document_has_the_same_bytes_under_two_hash_seeds() -> None:
 
 def test_every_code_of_the_range_is_explained() -> None:
     assert {f"DH05{number:02}" for number in range(1, 14)} <= set(catalogue())
+
+
+def test_a_system_in_discrete_time_is_its_own_sampled_form() -> None:
+    """Its matrices are of one step already, so nothing is exponentiated a second time."""
+    system = switched({"p": linear([[0.9]], [[1]]), "q": linear([[0.5]], [[2]])}, [("p", "q", None)], step=0.1)
+    gains = design_gains(system, ("p", "q"), rate=0.2, dwell=2.0)
+    tree = json.loads(json.dumps(design_document(system, gains, [certify_sampled(system, gains, step=0.1)])))
+    assert verify_design(tree).holds, str(verify_design(tree))
+    tree["certificates"][0]["matrices"]["p"][0][0] += 1e-4
+    assert any("M is A - G C" in check.inequality for check in verify_design(tree).refused)
+
+
+@pytest.mark.parametrize("speed", [1e-6, 1e6, 1e12])
+def test_a_sampled_observer_of_a_very_slow_or_very_fast_plant_is_verified(speed: float) -> None:
+    """The units of the states, not those of the model, decide what counts as equal."""
+    A = {"p": np.array([[-1.0, 1], [-2, -3]]), "q": np.array([[-2.0, 1], [-1, -2]])}
+    system = switched(
+        {name: linear(speed * F, [[1, 0]]) for name, F in A.items()}, [("p", "q", None), ("q", "p", None)]
+    )
+    gains = design_gains(system, ("p", "q"), rate=0.5, dwell=1.0)
+    tree = json.loads(json.dumps(design_document(system, gains, [certify_sampled(system, gains, step=0.01)])))
+    assert verify_design(tree).holds, str(verify_design(tree))
