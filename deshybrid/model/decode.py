@@ -35,7 +35,7 @@ from deshybrid.model.kinds import (
 from deshybrid.model.language import REFERENCE
 from deshybrid.model.naming import check_declared, check_known
 from deshybrid.model.problems import MOST_MESSAGES, Problems, did_you_mean, nearest
-from deshybrid.model.scalars import condition_of, number_of, pole_of
+from deshybrid.model.scalars import condition_of, number_of, odd_size, pole_of
 from deshybrid.model.scope import Scope
 from deshybrid.model.shapes import count
 from deshybrid.model.tree import MappingNode, Node, ScalarNode, SequenceNode, form_of
@@ -326,6 +326,11 @@ class _Decoder:
         if array.ndim != dimensions:
             text = f"array `{key.text}` has {array.ndim} dimensions, expected {dimensions}"
             self._problems.add(diagnostic("DH0115", text, key.span))
+            return None
+        odd = next((value for value in array.ravel().tolist() if odd_size(value)), None)
+        if odd is not None:
+            text = f"array `{key.text}` holds {odd:g}, which is out of range"
+            self._problems.add(diagnostic("DH0124", text, key.span, odd_size(odd)))
             return None
         return frozen_array(array, array.shape)
 

@@ -142,7 +142,7 @@ OBSERVER = Record(
     "what is asked of the observer",
     (
         Key("rate", _POSITIVE, "convergence rate µ of the estimation error, 1/s", needs_state=True),
-        Key("dwell", _NOT_NEGATIVE, "dwell time D to certify for, in seconds"),
+        Key("dwell", _POSITIVE, "dwell time D to certify for, in seconds"),
         Key("step", _POSITIVE, "sampling step of the compiled observer, in seconds"),
         Key("poles", MapOf("location", ListOf(Pole())), "poles of A - G C, rad/s", needs_state=True),
         Key("gains", MapOf("location", Matrix("n", "p")), "gains G (n, p) to certify as given", needs_state=True),

@@ -67,4 +67,22 @@ class Not:
 
 Predicate: TypeAlias = Affine | And | Or | Not
 TRUE = And(())
-__all__ = ["TRUE", "Affine", "And", "Not", "Or", "Predicate", "Relation"]
+
+
+def numbers_of(predicate: Predicate) -> tuple[float, ...]:
+    """Return all coefficients and constants of a predicate, in the order of its comparisons.
+
+    >>> import numpy as np
+    >>> numbers_of(Not(Affine(np.array([-1.0]), np.array([]), 2.0, "<=")))
+    (-1.0, 2.0)
+    """
+    match predicate:
+        case Affine():
+            return (*predicate.state.tolist(), *predicate.input.tolist(), predicate.constant)
+        case Not():
+            return numbers_of(predicate.part)
+        case And() | Or():
+            return tuple(number for part in predicate.parts for number in numbers_of(part))
+
+
+__all__ = ["TRUE", "Affine", "And", "Not", "Or", "Predicate", "Relation", "numbers_of"]
