@@ -201,12 +201,20 @@ class Compilation:
 
 
 def to_system(source: Source) -> HybridSystem | DES:
-    """Return the model behind a path, or the model itself."""
+    """Return the model behind a path, or the model itself.
+
+    >>> to_system(DES.from_transitions([("1", "a", "1", "α")])).name
+    'des'
+    """
     return load(source) if isinstance(source, str | Path) else source
 
 
 def to_des(source: Source) -> DES:
-    """Return D_H of a path or a hybrid system, or the DES itself."""
+    """Return D_H of a path or a hybrid system, or the DES itself.
+
+    >>> to_des("models/balluchi2012/fig2.yaml").locations
+    ('0', '1', '2', '3', '4', '5')
+    """
     model = to_system(source)
     return model if isinstance(model, DES) else abstract(model)
 
@@ -215,6 +223,9 @@ def to_hybrid(source: Source) -> HybridSystem:
     """Return the hybrid system of a path, or the system itself.
 
     Raises `UsageError` (DH0308) for a DES, which says nothing of time or state.
+
+    >>> to_hybrid("models/two_tank.yaml").state_names
+    ('h1', 'h2')
     """
     model = to_system(source)
     if isinstance(model, DES):
@@ -271,6 +282,10 @@ def design(
 
     Arguments override what the model's `observer` section says.  Source: Balluchi et al. (2012), Theorems 6 and 7.
     Raises `UsageError` (DH0306) for a model without continuous state.
+
+    >>> made = design("models/two_tank.yaml")
+    >>> made.gains.locations, made.certified
+    (('fill', 'drain'), True)
     """
     system = to_hybrid(source)
     if system.is_discrete:
@@ -346,6 +361,11 @@ def compile(
 
     A purely discrete model gives an observer of the location alone, one tick a row.
     Source: Balluchi et al. (2012), sections 3.2 and 4.2.
+
+    >>> made = compile("models/balluchi2012/fig2.yaml")
+    >>> state, estimate = made.observer.step(made.observer.start(), (), (), "α")
+    >>> estimate.entry_estimate
+    ('0', '2')
     """
     from deshybrid.observer.hybrid import build_observer
 
@@ -357,9 +377,18 @@ def compile(
     if not made.exists:
         return Compilation(made, None)
     plan = made.recovery.plan
-    observer = build_observer(
-        system, plan, made.detector, made.gains, step=made.step, certificates=made.certificates, max_states=max_states
-    )
+    try:
+        observer = build_observer(
+            system,
+            plan,
+            made.detector,
+            made.gains,
+            step=made.step,
+            certificates=made.certificates,
+            max_states=max_states,
+        )
+    except GainError as error:
+        return Compilation(replace(made, problems=made.problems + error.diagnostics), None)
     return Compilation(made, observer)
 
 
