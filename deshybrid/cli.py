@@ -8,6 +8,7 @@ import io
 import os
 import signal
 import sys
+import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
@@ -108,24 +109,36 @@ def _write(output: Path | None, text: str | bytes) -> None:
 
 
 @contextmanager
-def _limited(timeout: float | None) -> Iterator[None]:
-    """Turn a time limit into `LimitReached`; without one, do nothing."""
-    if timeout is None:
-        yield
-        return
-
-    def expire(_number: int, _frame: FrameType | None) -> None:
-        raise LimitReached(
-            diagnostic("DH0903", f"undecided after {timeout:g} s", helps=("allow more with `--timeout`",))
-        )
-
-    before = signal.signal(signal.SIGALRM, expire)
-    signal.setitimer(signal.ITIMER_REAL, timeout)
+def _working(on: str, timeout: float | None = None) -> Iterator[None]:
+    """Show after a second that work goes on, where a terminal looks on; turn a time limit into `LimitReached`."""
+    done = threading.Event()
+    watcher = threading.Thread(target=_spin, args=(on, done), daemon=True)
+    if sys.stderr.isatty():
+        watcher.start()
+    before = signal.signal(signal.SIGALRM, _expire)
+    signal.setitimer(signal.ITIMER_REAL, timeout or 0)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
+        done.set()
+        if watcher.is_alive():
+            watcher.join()
+
+
+def _expire(_number: int, _frame: FrameType | None) -> NoReturn:
+    helps = ("allow more time with `--timeout`",)
+    raise LimitReached(diagnostic("DH0903", "the time limit was reached, so the question stays undecided", helps=helps))
+
+
+def _spin(on: str, done: threading.Event) -> None:
+    if done.wait(1.0):
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(on):
+        done.wait()
 
 
 @app.command()
@@ -142,7 +155,7 @@ def check(
     from deshybrid.des.verdicts import verdict_diagnostics
     from deshybrid.emit.records import check_record, to_json
 
-    with _limited(timeout):
+    with _working("checking", timeout):
         report = compiler.check(model, method=method, max_states=max_states)
     _write(output, to_json(check_record(report)) if as_json else f"{report}\n")
     _say(verdict_diagnostics(report))
@@ -161,7 +174,7 @@ def recover(
     from deshybrid import compiler
     from deshybrid.emit.records import recover_record, to_json
 
-    with _limited(timeout):
+    with _working("looking for the cheapest signatures", timeout):
         recovery = compiler.recover(model, max_states=max_states)
     record = recover_record(recovery.plan, recovery.feasibility)
     _write(output, to_json(record) if as_json else f"{recovery}\n")
@@ -184,7 +197,7 @@ def design(
     from deshybrid import compiler
     from deshybrid.emit.records import to_json
 
-    with _limited(timeout):
+    with _working("designing", timeout):
         made = compiler.design(model, rate=rate, dwell=dwell, step=step, method=method)
     _write(output, to_json(made.document()) if as_json else f"{made}\n")
     _say((*made.recovery.diagnostics, *made.problems))
@@ -216,7 +229,7 @@ def compile_model(
         raise UsageError(diagnostic("DH0805", "`-o` names no folder"))
     folder = Path(output)
     wishes = bundle.Wishes(tuple(target or ("c", "python")), real, prefix)
-    with _limited(timeout):
+    with _working("compiling", timeout):
         made = compiler.compile(model, rate=rate, dwell=dwell, step=step, max_states=max_states)
         files = bundle.files(made, wishes)
     write_tree(folder, files)
@@ -244,12 +257,13 @@ def run(
     from deshybrid.simulate.score import score
     from deshybrid.simulate.trace import read_trace
 
-    made = compiler.compile(model, step=step)
-    if made.observer is None:
-        _say(made.diagnostics)
-        _finish(False)
-    samples = read_trace(trace, made.observer.system, step=made.observer.step_seconds)
-    estimates = replay(made.observer, samples)
+    with _working("running"):
+        made = compiler.compile(model, step=step)
+        if made.observer is None:
+            _say(made.diagnostics)
+            _finish(False)
+        samples = read_trace(trace, made.observer.system, step=made.observer.step_seconds)
+        estimates = replay(made.observer, samples)
     _write(output, write_estimates(estimates))
     if samples.true_location is not None:
         result = score(samples, estimates)
@@ -271,7 +285,7 @@ def simulate(
     from deshybrid.simulate.execution import simulate as execute
     from deshybrid.simulate.trace import write_trace
 
-    with _limited(timeout):
+    with _working("simulating", timeout):
         execution = execute(compiler.to_hybrid(model), seed=seed, duration=duration, step=step)
     _write(output, write_trace(execution.trace))
     if execution.stop is not None:
@@ -292,7 +306,7 @@ def draw(
     from deshybrid import bundle
 
     chosen = kind or bundle.format_of(output)
-    with _limited(timeout):
+    with _working("drawing", timeout):
         picture = bundle.drawing(model, what, chosen, max_states=max_states)
     _write(output, picture)
 
@@ -307,7 +321,8 @@ def verify(
     from deshybrid.emit.records import to_json
     from deshybrid.verify import read_design, verify_design
 
-    result = verify_design(read_design(design_file))
+    with _working("verifying"):
+        result = verify_design(read_design(design_file))
     _write(output, to_json(result.record()) if as_json else f"{result}\n")
     _finish(result.holds)
 
