@@ -14,6 +14,7 @@ from deshybrid.continuous.placement import placeable, pole_problem
 from deshybrid.diagnostics import Diagnostic, UsageError, diagnostic
 from deshybrid.linear.arrays import ComplexArray, FloatArray
 from deshybrid.linear.observability import KalmanSplit, sorted_spectrum
+from deshybrid.model.scalars import LARGEST, SMALLEST, odd_size
 from deshybrid.model.system import HybridSystem, Location
 
 STABLE = 1e-9
@@ -25,9 +26,11 @@ INVOLVED = 0.1
 
 
 def require_positive(what: str, value: float | None) -> None:
-    """Raise `UsageError` (DH0508) unless `value` is None or a positive, finite number."""
+    """Raise `UsageError` (DH0508) unless `value` is None or a positive number of a size that models may have."""
     if value is not None and not (isfinite(value) and value > 0):
         raise UsageError(diagnostic("DH0508", f"the {what} must be positive and finite, it is {value:g}"))
+    if value is not None and odd_size(value):
+        raise UsageError(diagnostic("DH0508", f"the {what} is {value:g}, beyond {SMALLEST:g} to {LARGEST:g}"))
 
 
 def require_not_negative(what: str, value: float) -> None:

@@ -27,6 +27,8 @@ from deshybrid.linear.arrays import FloatArray
 MOST_ROUNDS = 2_000
 SETTLED = 1e-9
 ROOM = 1e-6
+DIVERGED = 1e100
+"""An entry level beyond this grows for ever; nothing settles there."""
 
 
 class Stay(NamedTuple):
@@ -43,6 +45,8 @@ def entrywise_bound(stays: Mapping[str, Stay], beta: float, step: float | None) 
     entry = {name: np.zeros(len(stay.forced)) for name, stay in stays.items()}
     for _ in range(MOST_ROUNDS):
         longer = _one_switch(stays, after, entry)
+        if max((level.max(initial=0.0) for level in longer.values()), default=0.0) > DIVERGED:
+            return None
         settled = all((longer[name] <= entry[name] * (1 + SETTLED)).all() for name in stays)
         entry = longer
         if settled:

@@ -126,8 +126,8 @@ def _grown(matrix: FloatArray, delay: float, step: float | None) -> tuple[FloatA
     base = identity + np.abs(matrix - identity)
     power, total = identity, np.zeros_like(identity)
     for _ in range(int(delay / step + PART_OF_A_STEP)):
-        total = total + power
-        power = power @ base
+        total = np.minimum(total + power, NOTHING_KNOWN)
+        power = np.minimum(power @ base, NOTHING_KNOWN)
     return power - identity, total
 
 

@@ -20,7 +20,7 @@ Source: Balluchi et al. (2012), (27), (31), (49) and the appendix.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import exp
+from math import expm1
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -186,7 +186,7 @@ def _in_norm(
             return None
         kicks = [size(np.abs(e.reset) @ (stay.forced + e.push) + e.extra) for e in stay.exits]
         parts[name] = UltimatePart(basis.kappa, size(stay.forced), max(kicks, default=0.0))
-    level = max((part.kick for part in parts.values()), default=0.0) / (1 - exp(-rate * beta))
+    level = max((part.kick for part in parts.values()), default=0.0) / -expm1(-rate * beta)
     peaks = [np.zeros(len(scale))]
     for name, stay in stays.items():
         kappa = parts[name].kappa

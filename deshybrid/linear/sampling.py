@@ -8,8 +8,10 @@ Source: Van Loan (1978), Computing integrals involving the matrix exponential.
 
 import numpy as np
 
+from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray, frozen_array
 from deshybrid.linear.dynamics import LinearDynamics
+from deshybrid.linear.subspaces import balanced
 
 TINY = float(np.finfo(np.float64).tiny)
 """An input column is scaled by at least this, so that a column of zeros stays one."""
@@ -18,22 +20,32 @@ TINY = float(np.finfo(np.float64).tiny)
 def flow_and_integral(A: FloatArray, inputs: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
     """Return e^{A h} and the integral of e^{A s} ds over [0, h] times `inputs`; shapes (n, n), (n, k).
 
+    Raises `UsageError` (DH0514) where a number would grow beyond all doubles within the step.
+
     >>> flow, integral = flow_and_integral(np.zeros((1, 1)), np.ones((1, 1)), 0.5)
     >>> float(flow[0, 0]), float(integral[0, 0])
     (1.0, 0.5)
     """
-    from scipy.linalg import expm, matrix_balance
+    from scipy.linalg import expm
 
     n, k = A.shape[0], inputs.shape[1]
     # The exponential is as accurate as its matrix is balanced; the integral is linear in each column of `inputs`.
-    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True) if n else (A, (np.ones(0), None))
+    inside, scale = balanced(A) if n else (A, np.ones(0))
     pushed = inputs / scale[:, None]
-    size = max(1.0, float(np.abs(balanced).max(initial=0.0)))
+    size = max(1.0, float(np.abs(inside).max(initial=0.0)))
     units = np.maximum(np.abs(pushed).max(axis=0, initial=0.0) / size, TINY)
     block = np.zeros((n + k, n + k))
-    block[:n, :n], block[:n, n:] = balanced, pushed / units
-    whole = expm(block * step)
-    return whole[:n, :n] * scale[:, None] / scale, whole[:n, n:] * scale[:, None] * units
+    block[:n, :n], block[:n, n:] = inside, pushed / units
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        try:
+            whole = expm(block * step)
+        except (ValueError, OverflowError):  # LAPACK met an infinite number
+            whole = np.full(block.shape, np.inf)
+        flow, integral = whole[:n, :n] * scale[:, None] / scale, whole[:n, n:] * scale[:, None] * units
+    if not (np.isfinite(flow).all() and np.isfinite(integral).all()):
+        text = f"a step of {step:g} s is too long: the exponential of the dynamics over it overflows"
+        raise UsageError(diagnostic("DH0514", text, helps=("choose a shorter step, or check the units in `A`",)))
+    return flow, integral
 
 
 def sample_dynamics(dynamics: LinearDynamics, step: float) -> LinearDynamics:

@@ -40,13 +40,23 @@ def balanced_scale(A: FloatArray, B: FloatArray, C: FloatArray) -> FloatArray:
     >>> bool(scale[0] > 100 * scale[1])
     True
     """
-    from scipy.linalg import matrix_balance
-
     n, m, p = A.shape[0], B.shape[1], C.shape[0]
     graph = np.zeros((n + m + p, n + m + p))
     graph[:n, :n], graph[:n, n : n + m], graph[n + m :, :n] = A, B, C
-    _, (scale, _) = matrix_balance(graph, permute=False, separate=True)
-    return np.asarray(scale[:n], dtype=np.float64)
+    return balanced(graph)[1][:n]
+
+
+def balanced(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return diag(scale)⁻¹ matrix diag(scale) with rows and columns of like size, and the scale (powers of two).
+
+    >>> balanced(np.array([[-1.0, 16.0], [1.0, -1.0]]))[1].tolist()
+    [4.0, 1.0]
+    """
+    from scipy.linalg import matrix_balance
+
+    with np.errstate(invalid="ignore"):  # it also turns the scale into a permutation, which nobody asked for
+        found, (scale, _) = matrix_balance(matrix, permute=False, separate=True)
+    return np.asarray(found), np.asarray(scale, dtype=np.float64)
 
 
 def scaled_system(A: FloatArray, B: FloatArray, C: FloatArray, D: FloatArray) -> ScaledSystem:
@@ -108,6 +118,7 @@ def output_nulling(system: ScaledSystem) -> FloatArray:
 __all__ = [
     "RANK_TOLERANCE",
     "ScaledSystem",
+    "balanced",
     "balanced_scale",
     "column_space",
     "null_space",

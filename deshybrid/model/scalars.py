@@ -1,7 +1,7 @@
 """One written value as a number, a pole or a condition; what is wrong with it goes to the stage's problems.
 
 In: a scalar node and the parameters.  Out: the value, or None where a mistake was reported.  A number is zero or has
-a size between 1e-100 and 1e100: no quantity of a plant lies outside, and products of a few such numbers stay doubles.
+a size between 1e-50 and 1e50: no quantity of a plant lies outside, and products of a few such numbers stay doubles.
 """
 
 import math
@@ -16,7 +16,7 @@ from deshybrid.model.problems import Problems
 from deshybrid.model.tree import ScalarNode
 
 _PLAIN_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
-SMALLEST, LARGEST = 1e-100, 1e100
+SMALLEST, LARGEST = 1e-50, 1e50
 _NOT_FINITE = re.compile(r"[+-]?\.?(?:inf|infinity|nan)", re.IGNORECASE)
 
 
@@ -82,7 +82,7 @@ def odd_size(value: float) -> str:
     """Return what to say of a number whose size no quantity of a plant has; empty where there is nothing to say.
 
     >>> odd_size(0.0), odd_size(-1e200)
-    ('', 'expected 0, or a size from 1e-100 to 1e+100')
+    ('', 'expected 0, or a size from 1e-50 to 1e+50')
     """
     usual = value == 0 or SMALLEST <= abs(value) <= LARGEST
     return "" if usual else f"expected 0, or a size from {SMALLEST:g} to {LARGEST:g}"

@@ -9,11 +9,15 @@ from scipy.linalg import expm
 
 from deshybrid.continuous.cycles import dwell_lower_limit
 from deshybrid.continuous.dwell import certify_dwell, certify_sampled, required_dwell
+from deshybrid.continuous.entrywise import Stay, entrywise_bound
 from deshybrid.continuous.error import sampled_error_dynamics
 from deshybrid.continuous.gains import design_gains
+from deshybrid.continuous.mismatch import Mismatch
 from deshybrid.continuous.modes import best_columns, condition, modal_basis
+from deshybrid.continuous.ultimate import ultimate_bound
 from deshybrid.diagnostics import UsageError
-from deshybrid.model.system import HybridSystem, ObserverOptions
+from deshybrid.linear.sampling import flow_and_integral
+from deshybrid.model.system import Bounds, HybridSystem, ObserverOptions
 from tests.switched import driveline, linear, switched, twin
 
 BOTH = ("p", "q")
@@ -221,3 +225,34 @@ def test_the_certificate_is_a_value_that_can_be_compared_and_changed() -> None:
     found = certify_dwell(twin(), design_gains(twin(), BOTH, rate=1.0))
     assert replace(found, dwell=2.0).dwell == 2.0
     assert not found.T["p"].flags.writeable
+
+
+@pytest.mark.parametrize("rate", [1e-300, 1e300])
+def test_a_rate_of_a_size_that_no_plant_has_is_refused(rate: float) -> None:
+    with pytest.raises(UsageError, match="DH0508"):
+        design_gains(twin(), BOTH, rate=rate)
+
+
+def test_a_rate_that_is_slow_beyond_measure_still_has_a_bound() -> None:
+    """1 - e^{-x} is x there, not zero."""
+    system = replace(diagonal_pair(), bounds=Bounds(disturbance=np.array([0.1, 0.1])))
+    found = ultimate_bound(system, design_gains(system, BOTH, rate=1e-30), dwell=2.0)
+    assert found.value is not None
+    assert np.isfinite(found.value)
+
+
+def test_an_iteration_that_grows_for_ever_ends_without_a_bound_and_without_a_warning() -> None:
+    system = switched({"p": linear([[-1]], [[0]])}, [("p", "p", [[1e40]])])
+    stay = Stay(np.ones(1), modal_basis(np.array([[-1.0]]), np.ones(1)), mismatches_of(system))
+    assert entrywise_bound({"p": stay}, 0.1, None) is None
+
+
+def mismatches_of(system: HybridSystem) -> tuple[Mismatch, ...]:
+    nothing = np.zeros(1)
+    return tuple(Mismatch(t.target, t.reset.matrix, nothing, nothing, nothing) for t in system.transitions if t.reset)
+
+
+@pytest.mark.parametrize(("A", "step"), [([[1.0]], 1e20), ([[-1e30, 1e30], [-2e30, -3e30]], 0.01)])
+def test_a_step_out_of_proportion_to_the_dynamics_is_refused(A: list[list[float]], step: float) -> None:
+    with pytest.raises(UsageError, match="DH0514"):
+        flow_and_integral(np.array(A), np.eye(len(A)), step)

@@ -130,3 +130,8 @@ def test_member_that_is_no_array_is_refused(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
         archive.writestr("A.npy", b"not an array")
     assert code_of(write(tmp_path)) == "DH0115"
+
+
+def test_array_with_a_number_of_a_size_that_no_plant_has_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", A=np.array([[1.0, 2.0], [3.0, 1e200]]))
+    assert code_of(write(tmp_path)) == "DH0124"
