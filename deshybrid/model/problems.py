@@ -7,7 +7,7 @@ In: diagnostics, one by one.  Out: one `ModelError` with all of them.  One cause
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
-from deshybrid.diagnostics import Diagnostic, ModelError
+from deshybrid.diagnostics import Diagnostic, InputError, ModelError
 
 MOST_MESSAGES = 50
 _MOST_COMPARED = 500
@@ -34,8 +34,8 @@ class Problems:
             self._seen.add(cause)
             self.found.append(diagnostic)
 
-    def raise_all(self) -> None:
-        """Raise `ModelError` with all diagnostics by place, the first 50 if there are more; return if there is none."""
+    def raise_all(self, error: type[InputError] = ModelError) -> None:
+        """Raise `error` with all diagnostics by place, the first 50 if there are more; return if there is none."""
         if not self.found:
             return
         ordered = sorted(self.found, key=lambda d: (d.span.line, d.span.column) if d.span else (0, 0))
@@ -43,7 +43,7 @@ class Problems:
         if len(ordered) > len(kept):
             more = f"{len(ordered) - len(kept)} more mistakes were found and are not listed"
             kept[-1] = replace(kept[-1], notes=(*kept[-1].notes, more))
-        raise ModelError(*kept)
+        raise error(*kept)
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> tuple[str, ...]:

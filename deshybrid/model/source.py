@@ -45,18 +45,26 @@ def read_source(path: str | Path) -> SourceModel:
 
     Raises `ModelError`: DH0104 (no such file, not readable), DH0105 (larger than 8 MiB), and all of `parse_source`.
     """
+    data, name = read_bytes(path)
+    return _parse(checked_text(data, name), data, None if str(path) == "-" else Path(name).parent)
+
+
+def read_bytes(path: str | Path) -> tuple[bytes, str]:
+    """Return a file's bytes, at most one more than may be, and the name to report it by; "-" is standard input.
+
+    Raises `ModelError` (DH0104) where there is no such file or it cannot be read.
+    """
     name = str(path)
     if name == "-":
-        return _decode(sys.stdin.buffer.read(MOST_BYTES + 1), "<stdin>", None)
+        return sys.stdin.buffer.read(MOST_BYTES + 1), "<stdin>"
     try:
         with open(name, "rb") as file:
-            data = file.read(MOST_BYTES + 1)
+            return file.read(MOST_BYTES + 1), name
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise ModelError(diagnostic("DH0104", f"cannot read `{name}`: {reason.lower()}")) from None
     except ValueError:
         raise ModelError(diagnostic("DH0104", f"cannot read `{name}`: not a path")) from None
-    return _decode(data, name, Path(name).parent)
 
 
 def parse_source(text: str, name: str = "<text>", folder: Path | None = None) -> SourceModel:
@@ -68,10 +76,19 @@ def parse_source(text: str, name: str = "<text>", folder: Path | None = None) ->
     >>> parse_source("locations: [on, 012]").tree.get("locations").items[1].text
     '012'
     """
-    return _parse(text, name, folder, text.encode("utf-8", "surrogatepass"))
+    data = text.encode("utf-8", "surrogatepass")
+    _check_size(data, name)
+    return _parse(_clean(text, name), data, folder)
 
 
-def _decode(data: bytes, name: str, folder: Path | None) -> SourceModel:
+def checked_text(data: bytes, name: str) -> SourceText:
+    r"""Return bytes as text with line ends "\n", of any file that a stranger wrote, before anyone parses it.
+
+    Raises `ModelError`: DH0102 (not UTF-8), DH0103 (control character), DH0105 (larger than 8 MiB).
+
+    >>> checked_text(b"a\r\nb", "x").line(2)
+    'b'
+    """
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -82,13 +99,17 @@ def _decode(data: bytes, name: str, folder: Path | None) -> SourceModel:
         raise ModelError(
             diagnostic("DH0102", "the file is not UTF-8 text", place, label, helps=("save the file as UTF-8",))
         ) from None
-    return _parse(text, name, folder, data)
+    _check_size(data, name)
+    return _clean(text, name)
 
 
-def _parse(text: str, name: str, folder: Path | None, data: bytes) -> SourceModel:
+def _check_size(data: bytes, name: str) -> None:
     if len(data) > MOST_BYTES:
         limit = f"`{name}` is larger than {MOST_BYTES // 2**20} MiB"
         raise ModelError(diagnostic("DH0105", limit, helps=("keep big matrices in a .npz file",)))
+
+
+def _clean(text: str, name: str) -> SourceText:
     clean = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
     source = SourceText(name, clean)
     bad = FORBIDDEN.search(clean)
@@ -97,6 +118,10 @@ def _parse(text: str, name: str, folder: Path | None, data: bytes) -> SourceMode
         place = Span(source, line, bad.start() - (clean.rfind("\n", 0, bad.start()) + 1) + 1)
         label = f"U+{ord(bad.group()):04X}"
         raise ModelError(diagnostic("DH0103", "the file holds a control character", place, label))
+    return source
+
+
+def _parse(source: SourceText, data: bytes, folder: Path | None) -> SourceModel:
     tree = read_tree(source)
     if not isinstance(tree, MappingNode):
         helps = ("begin with `format: deshybrid/1`",)
@@ -108,4 +133,4 @@ def _parse(text: str, name: str, folder: Path | None, data: bytes) -> SourceMode
     return SourceModel(source, tree, folder, data)
 
 
-__all__ = ["MOST_BYTES", "SourceModel", "parse_source", "read_source"]
+__all__ = ["MOST_BYTES", "SourceModel", "checked_text", "parse_source", "read_bytes", "read_source"]
