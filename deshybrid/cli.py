@@ -58,10 +58,29 @@ Timeout = Annotated[
 ]
 Rate = Annotated[float | None, typer.Option(help="rate of convergence in 1/s; default: the model's `observer: rate`")]
 DwellTime = Annotated[float | None, typer.Option(help="dwell time in s; default: the model's")]
-Step = Annotated[float | None, typer.Option(help="sampling step in s; default: the model's `observer: step`")]
+Step = Annotated[
+    float | None, typer.Option(help="sampling step in s; default: the model's `observer: step`, else a derived one")
+]
 CheckMethod = Literal["auto", "observer", "pairs"]
 DrawFormat = Literal["svg", "png", "pdf", "dot", "mmd", "graphml"]
 DrawWhat = Literal["des", "dprime", "observer", "complementary", "complementary-observer"]
+
+
+def _tell_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        _write(None, f"deshybrid {version('deshybrid')}\n")
+        raise typer.Exit(YES)
+
+
+@app.callback()
+def _entry(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="show the version")
+    ] = False,
+) -> None:
+    """Can the current location of a hybrid plant be known?  If not, why, and which observer would do?"""
 
 
 def main() -> None:
@@ -246,6 +265,8 @@ def _listing(folder: Path, files: Iterable[str]) -> str:
 def run(
     model: Model,
     trace: Annotated[str, typer.Option(help="a trace as CSV, or - for standard input")],
+    rate: Rate = None,
+    dwell: DwellTime = None,
     step: Step = None,
     as_json: AsJson = False,
     output: Output = None,
@@ -258,7 +279,7 @@ def run(
     from deshybrid.simulate.trace import read_trace
 
     with _working("running"):
-        made = compiler.compile(model, step=step)
+        made = compiler.compile(model, rate=rate, dwell=dwell, step=step)
         if made.observer is None:
             _say(made.diagnostics)
             _finish(False)

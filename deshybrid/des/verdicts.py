@@ -105,10 +105,10 @@ def _c1_run_note(report: ObservabilityReport, witness: Witness) -> str:
     plant = short[-1].location
     if plant == short[-2].location:
         return f"the observer does not see the last step of the run {_events(short)} from `{short[0].location}`"
-    return (
-        f"after the run {_events(short)} from `{short[0].location}` the plant is in `{plant}`, "
-        f"the observer still says {{{said}}}"
-    )
+    told = f"after the run {_events(short)} from `{short[0].location}` the plant is in `{plant}`"
+    if plant in said.split(","):
+        return f"{told}, but of the last step the observer sees nothing: its entry estimate stays {{{said}}}"
+    return f"{told}, the observer still says {{{said}}}"
 
 
 def _c2_message(report: ObservabilityReport, proposal: tuple[str, ...]) -> Diagnostic | None:

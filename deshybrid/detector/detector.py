@@ -149,19 +149,28 @@ def build_detector(
 
 
 def delay_warnings(detector: TransitionDetector) -> tuple[Diagnostic, ...]:
-    """Return the warning (DH0609) that Theorem 7's Δ is assumed for some signatures; none where all are guaranteed."""
+    """Return the warning (DH0609) of what Theorem 7 assumes of the signatures; none where all of it is guaranteed."""
     open_ends: dict[str, list[str]] = {}
     for name, delay in detector.delays.items():
         if delay.seconds is None or delay.seconds > detector.window:
             reason = delay.reason if delay.seconds is None else f"its bound is {delay.seconds:g} s"
             open_ends.setdefault(reason, []).append(f"`{name}`")
-    if not open_ends:
+    conditional = any(delay.condition for delay in detector.delays.values())
+    if not open_ends and not conditional:
         return ()
     notes = [f"{', '.join(names)}: {reason}" for reason, names in open_ends.items()]
-    if any(delay.condition for delay in detector.delays.values()):
-        notes.append("the other bounds hold once x or u are far enough from rest to make the wrong residuals large")
+    if conditional:
+        notes.append(
+            "a signature waits until the residuals of the other locations are large, which motion has to bring about"
+        )
+        notes.append(
+            "where the residual of a wrong location becomes small, its signature is false; no proof excludes that"
+        )
     message = f"the certificates with a delay assume that every signature comes within {detector.window:g} s"
-    return (diagnostic("DH0609", message, notes=tuple(notes), severity="warning"),)
+    helps = (
+        "simulate the plant and run the observer on it before you trust it: `deshybrid simulate`, `deshybrid run`",
+    )
+    return (diagnostic("DH0609", message, notes=tuple(notes), helps=helps, severity="warning"),)
 
 
 def _fast_enough(
