@@ -15,6 +15,7 @@ Two methods decide C2 and agree on every location, whether C1 holds or not:
 Source: Balluchi et al. (2012), section 3.1, Definition 3 and Theorem 4.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
@@ -22,7 +23,7 @@ from deshybrid.des.automaton import DES
 from deshybrid.des.cycles import longest_path_to
 from deshybrid.des.epsilon import OutputAutomaton, eliminate_epsilon
 from deshybrid.des.observer import LocationObserver, build_location_observer
-from deshybrid.des.pairs import PairAutomaton, build_pair_automaton
+from deshybrid.des.pairs import PersistentPairs, persistent_pairs
 from deshybrid.des.persistence import blocked_locations, persistent_locations
 from deshybrid.des.report import C2Failure, ObservabilityReport
 from deshybrid.des.verdicts import verdict_diagnostics
@@ -41,14 +42,14 @@ class _Findings:
     c2_failures: tuple[C2Failure, ...]
     longest_confusion: int | None
     observer: LocationObserver | None = None
-    pairs: PairAutomaton | None = None
+    pairs: PersistentPairs | None = None
 
 
 def check_observability(des: DES, *, method: Method = "auto", max_states: int = 100_000) -> ObservabilityReport:
     """Return whether `des` is current-location observable, and why not (Balluchi et al., 2012, Theorem 4).
 
-    `max_states` limits D_O; the pairs need no limit.  Raises `LimitReached` (DH0901) with method "observer" only,
-    `UsageError` (DH0407) for another method.
+    `max_states` limits D_O.  Raises `LimitReached` (DH0901) where the method "observer" finds more states than that, or
+    where tens of millions of pairs would have to be looked at; `UsageError` (DH0407) for another method.
 
     K counts outputs, that is transitions of D'_H and of D_O; where no transition is silent these are the transitions of
     Definition 3.  It is one more than the longest path of the pair automaton to a pair of different locations.
@@ -111,15 +112,15 @@ def _find_by_observer(automaton: OutputAutomaton, persistent: tuple[str, ...], m
 
 
 def _find_by_pairs(automaton: OutputAutomaton, persistent: tuple[str, ...]) -> _Findings:
-    pairs = build_pair_automaton(automaton)
+    pairs = persistent_pairs(automaton)
     names = automaton.des.locations
     lasting: dict[str, list[tuple[str, ...]]] = {location: [] for location in names}
-    for p, q in sorted(pairs.graph.nodes[number] for number in pairs.persistent()):
+    for p, q in pairs:
         state = (names[p],) if p == q else (names[p], names[q])
         for location in state:
             lasting[location].append(state)
     failures = _failures(persistent, lasting)
-    return _Findings(failures, None if failures else pairs.longest_confusion(), None, pairs)
+    return _Findings(failures, None if failures else pairs.longest_confusion, None, pairs)
 
 
 def _failures(persistent: tuple[str, ...], lasting: dict[str, list[tuple[str, ...]]]) -> tuple[C2Failure, ...]:
@@ -139,10 +140,26 @@ def _witness(automaton: OutputAutomaton, c1_failures: list[int], findings: _Find
     """C1 first: a location that is never entered visibly fails C2 too, but it is C1 that has a run to show."""
     if c1_failures:
         return c1_witness(automaton, c1_failures[0])
-    if not findings.c2_failures:
-        return None
-    confusion = find_confusion(findings.pairs or build_pair_automaton(automaton))
-    return None if confusion is None else c2_witness(automaton, confusion)
+    confused, lasts = _confused_pairs(automaton, findings)
+    return None if confused is None else c2_witness(automaton, find_confusion(automaton, confused, lasts))
+
+
+def _confused_pairs(
+    automaton: OutputAutomaton, findings: _Findings
+) -> tuple[tuple[int, int] | None, Callable[[int, int], bool]]:
+    """The first persistent pair of different locations, and which pairs are persistent: D_O knows it as well."""
+    if findings.pairs is not None:
+        return findings.pairs.first_confused(), findings.pairs.holds
+    number = {name: index for index, name in enumerate(automaton.des.locations)}
+    observer = findings.observer
+    states = [] if observer is None else [observer.states[state] for state in observer.persistent]
+    together = [0] * len(number)
+    for state in states:
+        mask = sum(1 << number[name] for name in state)
+        for name in state:
+            together[number[name]] |= mask
+    confused = min(((number[state[0]], number[state[1]]) for state in states if len(state) > 1), default=None)
+    return confused, lambda p, q: bool(together[p] >> q & 1)
 
 
 __all__ = [

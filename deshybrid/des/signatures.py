@@ -21,7 +21,7 @@ from deshybrid.des.automaton import DES
 from deshybrid.des.candidates import Candidate, generator_costs, require_fitting
 from deshybrid.des.epsilon import OutputAutomaton, eliminate_epsilon
 from deshybrid.des.observability import check_observability
-from deshybrid.des.pairs import build_pair_automaton
+from deshybrid.des.pairs import persistent_pairs
 from deshybrid.des.program import Program, Selection, build_program, solve
 from deshybrid.des.report import ObservabilityReport
 from deshybrid.des.witness import Confusion, Witness, find_confusion
@@ -188,9 +188,11 @@ class _Search:
         tried = set(chosen)
         while True:
             automaton = eliminate_epsilon(self.des.with_signatures({number: self.name_of[number] for number in tried}))
-            confusion = find_confusion(build_pair_automaton(automaton))
-            if confusion is None:
+            pairs = persistent_pairs(automaton)
+            confused = pairs.first_confused()
+            if confused is None:
                 return found
+            confusion = find_confusion(automaton, confused, pairs.holds)
             separating = _separating(automaton, confusion) - tried
             found.append(tuple(sorted(number for number in separating if number in self.name_of)))
             tried.update(found[-1])

@@ -1,23 +1,29 @@
 """Runs that prove a negative verdict: they can be read, replayed on the model, and repeated for ever.
 
-In: D'_H with a silent exit of a persistent location, or a pair automaton with a persistent pair of different locations.
-Out: a `Witness`.  Idea: a shortest way from a cycle to the failure, and a shortest way from the start to that cycle.
-Cost: linear in the graph.  Source: Balluchi et al. (2012), section 3.1 (why C1 and C2 are necessary).
+In: D'_H with a silent exit of a persistent location, or with a persistent pair of different locations.
+Out: a `Witness`.  Idea: a shortest way from a cycle to the failure, and a shortest way from the start to that cycle;
+for pairs both are looked for from the failure backwards, so that the rest of the pair automaton is never built.
+Cost: linear in what is searched.  Source: Balluchi et al. (2012), section 3.1 (why C1 and C2 are necessary).
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import count
 from typing import Literal, NamedTuple, TypeAlias
 
 from deshybrid.des.automaton import Output
-from deshybrid.des.cycles import cycle_before, shortest_walk
+from deshybrid.des.cycles import cycle_before, nodes_on_cycles, shortest_walk
 from deshybrid.des.epsilon import OutputAutomaton
 from deshybrid.des.observer import entry_estimates
-from deshybrid.des.pairs import PairAutomaton
 from deshybrid.des.persistence import location_graph
+from deshybrid.des.worklist import Graph, explore
 
 _STARTS_TRIED = 64
-Moves: TypeAlias = list[tuple[int, int]]
+_ENOUGH = 2_000  # pairs before a failure among which a cycle is looked for first
+Pair: TypeAlias = tuple[int, int]
+Moves: TypeAlias = list[Pair]  # edge numbers of the first and of the second run
+JointMoves: TypeAlias = list[tuple[Pair, Pair]]  # an unordered pair of locations, the edges of its lower and higher one
+Arrivals: TypeAlias = dict[Output, list[Pair]]
 
 
 class Step(NamedTuple):
@@ -123,40 +129,96 @@ def _shown(automaton: OutputAutomaton, transitions: Iterable[int]) -> list[Outpu
     return [outputs[0] for outputs in seen if None not in outputs and outputs[0] is not None]
 
 
-def find_confusion(pairs: PairAutomaton) -> Confusion | None:
-    """Return two runs that look alike for ever and then part; None where no pair of different locations is persistent.
+def find_confusion(automaton: OutputAutomaton, target: Pair, lasts: Callable[[int, int], bool]) -> Confusion:
+    """Return two runs that look alike for ever and then part, in the persistent pair `target` of location numbers.
 
-    They end in the first such pair by declaration, after a cycle as near as possible.
+    `lasts(p, q)` says of p <= q whether the pair is persistent.  The cycle is as near to `target` as can be, unless
+    thousands of pairs lead to `target` within as many steps: then the first cycle that is found there.
     """
-    graph = pairs.graph
-    confused = [
-        (graph.nodes[node], node) for node in pairs.persistent() if graph.nodes[node][0] != graph.nodes[node][1]
-    ]
-    if not confused:
-        return None
-    cycle, tail = cycle_before(graph, min(confused)[1])
-    entry = graph.arcs[cycle[0]][0]
-    prefix = graph.path_to(entry)
-    root = graph.nodes[graph.arcs[prefix[0]][0] if prefix else entry]
-    before, there = _lift(pairs, root, prefix)
-    around, back = _lift(pairs, there, cycle)
+    entering = _entering(automaton)
+    near = _cyclic_surroundings(entering, target, lasts)
+    cycle, tail = cycle_before(near, 0)
+    entry = near.nodes[near.arcs[cycle[0]][0]]
+    start, prefix = _way_from_start(automaton, entering, entry)
+    before, there = _lift(automaton, start, prefix)
+    around, back = _lift(automaton, there, _joint_moves(near, cycle))
     if back != there:
-        around = _brought_home(pairs.automaton, around)
-    after, _ = _lift(pairs, there, tail)
-    first, second = (pairs.automaton.des.locations[number] for number in root)
+        around = _brought_home(automaton, around)
+    after, _ = _lift(automaton, there, _joint_moves(near, tail))
+    first, second = (automaton.des.locations[number] for number in start)
     return Confusion((first, second), before, around, after)
 
 
-def _lift(pairs: PairAutomaton, start: tuple[int, int], arcs: list[int]) -> tuple[Moves, tuple[int, int]]:
-    """Turn arcs between unordered pairs into moves of two runs, and the pair they end in."""
-    edges = pairs.automaton.edges
-    number = {name: index for index, name in enumerate(pairs.automaton.des.locations)}
+def _entering(automaton: OutputAutomaton) -> list[Arrivals]:
+    """For each location number, the (source number, edge number) of the edges that enter it, by output."""
+    number = {name: index for index, name in enumerate(automaton.des.locations)}
+    entering: list[Arrivals] = [{} for _ in number]
+    for index, edge in enumerate(automaton.edges):
+        entering[number[edge.target]].setdefault(edge.output, []).append((number[edge.source], index))
+    return entering
+
+
+def _before(entering: list[Arrivals], pair: Pair) -> Iterator[tuple[Pair, Pair]]:
+    """Yield each pair that moves to `pair`, with the edges that move its lower and its higher location."""
+    known = set()
+    for output, arrivals in entering[pair[0]].items():
+        for p, edge_p in arrivals:
+            for q, edge_q in entering[pair[1]].get(output, ()):
+                earlier, edges = ((p, q), (edge_p, edge_q)) if p <= q else ((q, p), (edge_q, edge_p))
+                if earlier not in known:
+                    known.add(earlier)
+                    yield edges, earlier
+
+
+def _cyclic_surroundings(
+    entering: list[Arrivals], target: Pair, lasts: Callable[[int, int], bool]
+) -> Graph[Pair, Pair]:
+    """Return enough of the persistent pairs that lead to `target` (node 0) to have a cycle among them."""
+    enough = _ENOUGH
+    while True:
+        against = explore([target], _budget(lambda pair: [b for b in _before(entering, pair) if lasts(*b[1])], enough))
+        forward = tuple((later, label, earlier) for earlier, label, later in against.arcs)
+        graph = Graph(against.nodes, forward, (-1,) * len(against.nodes))
+        if any(nodes_on_cycles(graph)):
+            return graph
+        enough *= 4
+
+
+def _budget(
+    successors: Callable[[Pair], list[tuple[Pair, Pair]]], enough: int
+) -> Callable[[Pair], list[tuple[Pair, Pair]]]:
+    """Return `successors` for the first `enough` calls, nothing from then on."""
+    calls = count()
+    return lambda pair: successors(pair) if next(calls) < enough else []
+
+
+def _way_from_start(automaton: OutputAutomaton, entering: list[Arrivals], entry: Pair) -> tuple[Pair, JointMoves]:
+    """Return a nearest pair of initial locations, and the moves from there to `entry`."""
+    names, initial = automaton.des.locations, set(automaton.des.initial)
+    starts: list[Pair] = []
+
+    def successors(pair: Pair) -> Iterator[tuple[Pair, Pair]]:
+        if not starts and names[pair[0]] in initial and names[pair[1]] in initial:
+            starts.append(pair)
+        return iter(()) if starts else _before(entering, pair)
+
+    against = explore([entry], successors)
+    path = against.path_to(against.nodes.index(starts[0]))
+    return starts[0], [(against.nodes[against.arcs[arc][2]], against.arcs[arc][1]) for arc in path[::-1]]
+
+
+def _joint_moves(graph: Graph[Pair, Pair], arcs: list[int]) -> JointMoves:
+    return [(graph.nodes[graph.arcs[arc][0]], graph.arcs[arc][1]) for arc in arcs]
+
+
+def _lift(automaton: OutputAutomaton, start: Pair, joint_moves: JointMoves) -> tuple[Moves, Pair]:
+    """Turn moves of unordered pairs into moves of two runs, and the pair they end in."""
+    place = {name: index for index, name in enumerate(automaton.des.locations)}
     moves, pair = [], start
-    for arc in arcs:
-        source, (low, high), _ = pairs.graph.arcs[arc]
-        first, second = (low, high) if pair == pairs.graph.nodes[source] else (high, low)
+    for source, (low, high) in joint_moves:
+        first, second = (low, high) if pair == source else (high, low)
         moves.append((first, second))
-        pair = (number[edges[first].target], number[edges[second].target])
+        pair = (place[automaton.edges[first].target], place[automaton.edges[second].target])
     return moves, pair
 
 
@@ -180,10 +242,9 @@ def c2_witness(automaton: OutputAutomaton, confusion: Confusion) -> Witness:
 
     >>> from deshybrid.des.automaton import DES
     >>> from deshybrid.des.epsilon import eliminate_epsilon
-    >>> from deshybrid.des.pairs import build_pair_automaton
     >>> des = DES.from_transitions([("1", "a", "1", "α"), ("1", "b", "2", "β"), ("1", "b", "3", "β")])
     >>> automaton = eliminate_epsilon(des)
-    >>> print(c2_witness(automaton, find_confusion(build_pair_automaton(automaton))))
+    >>> print(c2_witness(automaton, find_confusion(automaton, (1, 2), lambda p, q: True)))
     outputs: α β
     1 -a-> 1 -b-> 2
     1 -a-> 1 -b-> 3
