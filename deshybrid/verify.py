@@ -21,7 +21,7 @@ from fractions import Fraction
 from math import ceil
 from typing import NamedTuple
 
-from deshybrid.linear.design_file import Claim, Plant, read_claims, read_design, read_plant
+from deshybrid.linear.design_file import Claim, Plant, Summary, read_claims, read_design, read_plant, read_summary
 from deshybrid.linear.exact import (
     Rational,
     combined,
@@ -36,6 +36,10 @@ from deshybrid.linear.exact_sampling import is_difference, is_sampled_form
 
 PART_OF_A_STEP = Fraction(1, 10**6)
 PROPOSED = Fraction(1, 10**10)
+SPECTRUM = Fraction(1, 10**6)
+"""Eigenvalues agree with A - G C if their sums of powers do to this share; no certificate rests on them."""
+UNCHECKED = ("the model itself", "`condition`", "`ultimate_bound`", "`dwell_lower_limit`", "`detection_delay`")
+"""What a report says is not checked: also that no reset or location of the model is missing in the file."""
 THEOREMS = ("B12-6", "B12-7", "B12-6-sampled", "B12-7-sampled")
 
 
@@ -52,11 +56,14 @@ class Check(NamedTuple):
 class VerifyReport:
     """What was proved.  `silent`: certificates that do not claim to hold, of which nothing was checked.
 
+    `unchecked`: what else the file says and is not checked here.
+
     `holds`: at least one certificate claims to hold, and every inequality of those that do was proved.
     """
 
     checks: tuple[Check, ...]
     silent: tuple[str, ...]
+    unchecked: tuple[str, ...] = UNCHECKED
 
     @property
     def holds(self) -> bool:
@@ -71,13 +78,20 @@ class VerifyReport:
     def record(self) -> dict[str, object]:
         """Return the report as a JSON tree."""
         checks = [check._asdict() for check in self.checks]
-        return {"format": "deshybrid-verify/1", "holds": self.holds, "checks": checks, "silent": list(self.silent)}
+        return {
+            "format": "deshybrid-verify/1",
+            "holds": self.holds,
+            "checks": checks,
+            "silent": list(self.silent),
+            "unchecked": list(self.unchecked),
+        }
 
     def __str__(self) -> str:
         if not self.checks:
             return "nothing verified: no certificate of this design claims to hold"
         lines = [f"refused: {c.certificate}, {c.location}: not proved: {c.inequality}" for c in self.refused]
         lines += [f"not claimed: {name}" for name in self.silent]
+        lines.append("not checked: " + ", ".join(self.unchecked) + "; whether a reset or location was left out")
         verdict = "refused" if self.refused else "verified"
         proved = len(self.checks) - len(self.refused)
         return "\n".join([f"{verdict}: {proved} of {len(self.checks)} inequalities proved in exact arithmetic", *lines])
@@ -97,13 +111,43 @@ def verify_design(document: Mapping[str, object]) -> VerifyReport:
     ... }
     >>> loop = {"from": "p", "to": "p", "matrix": [[1.0]]}
     >>> system = {"time_step": None, "locations": {"p": one}, "resets": [loop]}
-    >>> verify_design({"gains": {"p": [[0.0]]}, "system": system, "certificates": [claim]}).holds
+    >>> design = {"rate": 1.0, "required_dwell": 0.25, "gains": {"p": [[0.0]]}, "system": system}
+    >>> verify_design({**design, "certificates": [claim]}).holds
     True
     """
     plant = read_plant(document)
-    claims = read_claims(document, plant)
+    claims, summary = read_claims(document, plant), read_summary(document, plant)
     checks = [check for claim in claims if claim.holds for check in _checks(plant, claim)]
+    if checks:
+        checks += [Check("design", *said) for said in _summary_checks(plant, claims, summary)]
     return VerifyReport(tuple(checks), tuple(claim.name for claim in claims if not claim.holds))
+
+
+def _summary_checks(plant: Plant, claims: tuple[Claim, ...], summary: Summary) -> Iterator[tuple[str, str, bool]]:
+    """What the design states outside of its certificates."""
+    everywhere = "every location"
+    rates = [claim.rate for claim in claims if claim.holds]
+    yield everywhere, "`rate` is that of the certificates", all(rate == summary.rate for rate in rates)
+    plain = [claim for claim in claims if not claim.theorem.endswith("-sampled")] or list(claims)
+    said = "`required_dwell` is that of the last certificate in continuous time"
+    yield everywhere, said, plain[-1].required == summary.required
+    for name, values in summary.eigenvalues.items():
+        said = "the eigenvalues have the sum and the sum of squares that A - G C has"
+        yield f"location `{name}`", said, _is_spectrum(plant.error_matrix(name), values)
+
+
+def _is_spectrum(error: Rational, values: tuple[tuple[Fraction, Fraction], ...]) -> bool:
+    squared = product(error, error)
+    trace, second = (sum((M[i][i] for i in range(len(M))), Fraction()) for M in (error, squared))
+    none = Fraction()
+    size = max((abs(re) + abs(im) for re, im in values), default=none)
+    sums = (
+        (sum((re for re, _ in values), none) - trace, size),
+        (sum((im for _, im in values), none), size),
+        (sum((re * re - im * im for re, im in values), none) - second, size * size),
+        (sum((re * im for re, im in values), none), size * size),
+    )
+    return all(abs(difference) <= SPECTRUM * unit for difference, unit in sums)
 
 
 def _checks(plant: Plant, claim: Claim) -> Iterator[Check]:

@@ -37,6 +37,8 @@ from deshybrid.model.system import HybridSystem
 
 Theorem: TypeAlias = Literal["B12-6", "B12-7", "B12-6-sampled", "B12-7-sampled"]
 LEAST = 0.01
+NOTHING = 1e-6
+"""A required time below this (s) is said to be none; the number itself stays in the certificate."""
 PART_OF_A_STEP = 1e-6
 """A duration within this share of a step of a whole number of steps is that number of steps."""
 
@@ -226,6 +228,8 @@ def _reason(terms: Mapping[str, DwellTerms], rate: float, dwell: float, delay: f
         return f"the closed loop of `{name}` is not diagonalisable (κ = ∞); choose distinct poles"
     if worst.required == inf:
         return f"location `{name}` contracts at {-worst.alpha:.6g} 1/s only, which is not faster than {rate:.6g} 1/s"
+    if holds and worst.required < NOTHING:
+        return "any stay is long enough" + (f" that is longer than the detection delay {delay:.6g} s" if delay else "")
     needs = f"location `{name}` needs {worst.required + delay:.6g} s"
     if holds:
         return f"every stay of at least {dwell:.6g} s is long enough; {needs}"

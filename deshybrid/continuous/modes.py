@@ -22,6 +22,8 @@ from deshybrid.linear.arrays import ComplexArray, FloatArray
 
 DEFECTIVE = 1e7
 """A condition number beyond this is taken as infinite: the eigenvalues are then correct to half of all digits only."""
+MOST_SEARCHED = 20
+"""With more states than this, scales and column lengths are taken as they are: to search for them would take minutes."""
 ROUND_UP = 1e-9
 """Relative amount by which claimed numbers are raised above their computed values."""
 
@@ -88,7 +90,7 @@ def best_columns(vectors: ComplexArray, eigenvalues: ComplexArray) -> tuple[Comp
     """
     group = _pairs(eigenvalues)
     start = condition(vectors)
-    if group.max(initial=0) == 0:
+    if group.max(initial=0) == 0 or len(group) > MOST_SEARCHED:
         return vectors, start
 
     def cost(lengths: FloatArray) -> float:

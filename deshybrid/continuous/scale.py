@@ -10,7 +10,7 @@ from math import inf
 import numpy as np
 
 from deshybrid.continuous.error import ErrorDynamics
-from deshybrid.continuous.modes import modal_basis, simplex_search
+from deshybrid.continuous.modes import MOST_SEARCHED, modal_basis, simplex_search
 from deshybrid.continuous.search import needed_dwell, reset_norm
 from deshybrid.linear.arrays import FloatArray, frozen_array
 
@@ -29,7 +29,7 @@ def best_scale(dynamics: ErrorDynamics, start: FloatArray, rate: float) -> Float
 
     units = -np.log(start[1:] / start[0])
     first = min((np.zeros(len(units)), units), key=cost)
-    if len(units) and 0 < cost(first) < inf:
+    if 0 < len(units) < MOST_SEARCHED and 0 < cost(first) < inf:
         first = simplex_search(cost, first, 60 * len(start))
     return frozen_array(_scale(start, first), start.shape)
 

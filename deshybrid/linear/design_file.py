@@ -19,6 +19,7 @@ from deshybrid.linear.exact import Rational, combined, product
 
 LARGEST_FILE = 64_000_000
 LARGEST_STATE = 40
+LARGEST_INTEGER = int(sys.float_info.max)
 
 
 class Jump(NamedTuple):
@@ -74,16 +75,26 @@ class Claim:
     matrices: Mapping[str, Rational]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Summary:
+    """What a design states once for all: rate, required dwell time, and eigenvalues (re, im) by location."""
+
+    rate: Fraction
+    required: Fraction | None
+    eigenvalues: Mapping[str, tuple[tuple[Fraction, Fraction], ...]]
+
+
 def read_design(path: str) -> Mapping[str, object]:
     """Return the tree of a design file, of the `design.json` in a compiled folder, or of standard input ("-").
 
     Raises `UsageError` (DH0511) where there is no such file, or it is not JSON, or its numbers are not finite.
     """
+    place = Path(path) / "design.json" if path != "-" and Path(path).is_dir() else Path(path)
+    path = str(place)
     try:
         if path == "-":
             text = sys.stdin.read(LARGEST_FILE + 1)
         else:
-            place = Path(path) / "design.json" if Path(path).is_dir() else Path(path)
             with place.open(encoding="utf-8") as file:
                 text = file.read(LARGEST_FILE + 1)
     except (OSError, UnicodeDecodeError) as error:
@@ -91,12 +102,35 @@ def read_design(path: str) -> Mapping[str, object]:
     if len(text) > LARGEST_FILE:
         _refuse(f"`{path}` is longer than {LARGEST_FILE // 1_000_000} million characters")
     try:
-        tree = json.loads(text, parse_constant=_no_constant)
+        tree = json.loads(text, parse_constant=_no_constant, object_pairs_hook=_no_key_twice)
+        json.dumps(tree, ensure_ascii=False).encode()
+    except UnicodeEncodeError:
+        _refuse(f"`{path}` holds half of a character, an escape from `\\ud800` to `\\udfff` that stands alone")
     except (ValueError, RecursionError) as error:
         _refuse(f"`{path}` is not JSON: {error}")
     if not isinstance(tree, dict):
         _refuse(f"`{path}` holds no JSON object")
     return tree
+
+
+def read_summary(document: Mapping[str, object], plant: Plant) -> Summary:
+    """Return what the design says outside of its certificates and can be checked against them."""
+    for key in ("rate", "required_dwell"):
+        _require(key in document, key, "a number")
+    _same_names(_mapping(document, "gains", "design"), "gains", plant)
+    required, spectra = document["required_dwell"], {}
+    if "eigenvalues" in document:
+        given = _mapping(document, "eigenvalues", "design")
+        _same_names(given, "eigenvalues", plant)
+        for name, (A, _) in plant.locations.items():
+            rows = _matrix(given.get(name), f"eigenvalues.{name}", columns=2, rows=len(A))
+            spectra[name] = tuple((row[0], row[1]) for row in rows)
+    wanted = None if required is None else _number(required, "required_dwell")
+    return Summary(_number(document["rate"], "rate"), wanted, spectra)
+
+
+def _same_names(found: Mapping[str, object], where: str, plant: Plant) -> None:
+    _require(set(found) == set(plant.locations), where, "one entry for each location of `system`, and no other")
 
 
 def read_plant(document: Mapping[str, object]) -> Plant:
@@ -151,10 +185,13 @@ def _claim(entry: Mapping[str, object], number: int, plant: Plant) -> Claim:
     _require(isinstance(theorem, str), f"{where}.theorem", "a text")
     _require(isinstance(holds, bool), f"{where}.holds", "true or false")
     if not holds:
-        zero = Fraction()
-        return Claim(name, str(theorem), False, zero, zero, zero, None, None, (), {}, {}, {})
+        zero, stated = Fraction(), entry.get("required_dwell")
+        needed = None if stated is None else _number(stated, f"{where}.required_dwell")
+        return Claim(name, str(theorem), False, zero, zero, zero, needed, None, (), {}, {}, {})
     n = len(next(iter(plant.locations.values()))[0])
     scale = _matrix([entry.get("scale")], f"{where}.scale", columns=n)[0]
+    for key in ("terms", "T"):
+        _same_names(_mapping(entry, key, where), f"{where}.{key}", plant)
     terms, bases, matrices = {}, {}, {}
     for location in plant.locations:
         place = f"{where}.terms.{location}"
@@ -188,8 +225,10 @@ def _matrix(value: object, where: str, *, columns: int | None = None, rows: int 
 
 
 def _number(value: object, where: str) -> Fraction:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         _refuse(f"`{where}` holds something else than finite numbers")
+    if (abs(value) > LARGEST_INTEGER) if isinstance(value, int) else not isfinite(value):
+        _refuse(f"`{where}` holds a number that is no finite double")
     return Fraction(value)
 
 
@@ -208,6 +247,15 @@ def _require(condition: bool, where: str, expected: str) -> None:
         _refuse(f"`{where}`: expected {expected}")
 
 
+def _no_key_twice(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"the key `{twice[:80]}` stands twice in one object")
+    return found
+
+
 def _no_constant(text: str) -> NoReturn:
     raise ValueError(f"{text} is not a number of JSON")
 
@@ -218,4 +266,4 @@ def _refuse(message: str) -> NoReturn:
     )
 
 
-__all__ = ["Claim", "Jump", "Plant", "Term", "read_claims", "read_design", "read_plant"]
+__all__ = ["Claim", "Jump", "Plant", "Summary", "Term", "read_claims", "read_design", "read_plant", "read_summary"]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from deshybrid.diagnostics import ModelError, SourceText, Span, diagnostic
 from deshybrid.model.reader import FORBIDDEN, read_tree
-from deshybrid.model.tree import MappingNode, form_of
+from deshybrid.model.tree import MappingNode, Node, form_of
 
 MOST_BYTES = 8 * 2**20
 
@@ -38,6 +38,17 @@ class SourceModel:
         from hashlib import sha256
 
         return sha256(self.data).hexdigest()
+
+    def place(self, *keys: str) -> Span | None:
+        """Return where the value under these keys is written, or None where it is not.
+
+        >>> parse_source("{format: deshybrid/1, observer: {step: 0.1}}").place("observer", "step").column
+        40
+        """
+        node: Node | None = self.tree
+        for key in keys:
+            node = node.get(key) if isinstance(node, MappingNode) else None
+        return None if node is None else node.span
 
 
 def read_source(path: str | Path) -> SourceModel:

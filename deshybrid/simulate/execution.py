@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deshybrid.diagnostics import Diagnostic, UsageError, diagnostic, raise_all
+from deshybrid.diagnostics import Diagnostic, Span, UsageError, diagnostic, raise_all
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.system import HybridSystem, HybridTransition
 from deshybrid.simulate.events import Agenda, Stop, Switch
@@ -105,7 +105,8 @@ def build_drive(system: HybridSystem, *, seed: int, duration: float, step: float
     """Return the grid and the signals on it; all times in s.  Raises `UsageError` DH0704 beyond MAX_TICKS sub-steps."""
     if not duration / step * substeps < MAX_TICKS:
         text = f"{duration:g} s in sub-steps of {step / substeps:g} s are more than {MAX_TICKS} sub-steps"
-        raise UsageError(diagnostic("DH0704", text, helps=("shorten the run or choose a longer step",)))
+        helps = ("shorten the run or choose a longer step",)
+        raise UsageError(diagnostic("DH0704", text, _written_step(system, step), helps=helps))
     ticks = np.arange(math.floor(duration / step + 1e-9) * substeps + 1)
     time = (ticks // substeps) * step + (ticks % substeps) * (step / substeps)
     wishes, bounds = system.simulation, system.bounds
@@ -125,6 +126,15 @@ def build_drive(system: HybridSystem, *, seed: int, duration: float, step: float
         period=period,
     )
     return Drive(step, substeps, time, shown, shown + hidden, disturbances)
+
+
+def _written_step(system: HybridSystem, step: float) -> Span | None:
+    """Where the model says this step; None where it came from elsewhere."""
+    if system.source is None:
+        return None
+    if step == system.time_step:
+        return system.source.place("time", "step")
+    return system.source.place("observer", "step") if step == system.observer.step else None
 
 
 def _mistakes(seed: int, duration: float) -> list[Diagnostic]:

@@ -293,7 +293,9 @@ def _state_scores(trace: Trace, estimates: EstimateTrace) -> tuple[StateScore, .
 
 
 def _norms(errors: FloatArray) -> tuple[float, float]:
-    return float(np.sqrt(np.mean(errors**2))), float(np.max(np.abs(errors)))
+    largest = float(np.max(np.abs(errors)))
+    unit = largest or 1.0  # the squares of large errors would overflow
+    return unit * float(np.sqrt(np.mean((errors / unit) ** 2))), largest
 
 
 def _tally_record(tally: LocationTally) -> dict[str, object]:

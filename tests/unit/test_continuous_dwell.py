@@ -235,7 +235,7 @@ def test_a_rate_of_a_size_that_no_plant_has_is_refused(rate: float) -> None:
 
 def test_a_rate_that_is_slow_beyond_measure_still_has_a_bound() -> None:
     """1 - e^{-x} is x there, not zero."""
-    system = replace(diagonal_pair(), bounds=Bounds(disturbance=np.array([0.1, 0.1])))
+    system = replace(diagonal_pair(), bounds=Bounds(measurement=np.array([0.1])))
     found = ultimate_bound(system, design_gains(system, BOTH, rate=1e-30), dwell=2.0)
     assert found.value is not None
     assert np.isfinite(found.value)
@@ -256,3 +256,12 @@ def mismatches_of(system: HybridSystem) -> tuple[Mismatch, ...]:
 def test_a_step_out_of_proportion_to_the_dynamics_is_refused(A: list[list[float]], step: float) -> None:
     with pytest.raises(UsageError, match="DH0514"):
         flow_and_integral(np.array(A), np.eye(len(A)), step)
+
+
+def test_a_need_below_a_microsecond_is_said_to_be_none() -> None:
+    system = switched({"p": linear(np.diag([-3.0, -4.0]), [[1, 0]])}, [("p", "p", None)])
+    gains = design_gains(system, ("p",), rate=0.5)
+    found = certify_dwell(system, gains)
+    assert (found.holds, found.reason) == (True, "any stay is long enough")
+    assert 0 < found.required_dwell < 1e-6
+    assert certify_dwell(system, gains, delay=0.25).reason.endswith("that is longer than the detection delay 0.25 s")

@@ -189,3 +189,12 @@ def test_a_location_that_is_none_or_has_no_dynamics_is_refused() -> None:
 def test_equal_calls_give_equal_bits() -> None:
     first, second = (design_gains(driveline(), ("q1", "q4", "qN"), rate=1.0) for _ in range(2))
     assert all((first.gains[name] == second.gains[name]).all() for name in first.locations)
+
+
+def test_sixty_states_are_designed_without_a_search_for_the_norm() -> None:
+    """The search grows like n⁵; beyond twenty states the norm is taken as the states' sizes give it."""
+    A = np.diag(-1.0 - np.arange(60.0)) + np.eye(60, k=1)
+    C = np.eye(1, 60)
+    system = switched({"p": linear(A, C)}, [("p", "p", None)])
+    gains = design_gains(system, ("p",), rate=0.5, dwell=3.0)
+    assert certify_dwell(system, gains).terms["p"].kappa < 1e7

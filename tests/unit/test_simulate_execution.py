@@ -526,6 +526,15 @@ def test_call_that_makes_no_sense_is_refused_with_its_code(options, code):
     assert code in catalogue()
 
 
+def test_too_many_sub_steps_of_a_step_of_the_model_are_shown_where_it_is_written():
+    with pytest.raises(UsageError) as caught:
+        simulate(loads(THERMOSTAT.replace("observer: {step: 0.1}", "observer: {step: 1e-12}")))
+    (found,) = caught.value.diagnostics
+    assert found.code == "DH0704"
+    assert found.span is not None
+    assert found.span.line == 1 + THERMOSTAT[: THERMOSTAT.index("observer:")].count("\n")
+
+
 def test_missing_step_and_a_step_between_those_of_the_model_are_refused():
     with pytest.raises(UsageError) as caught:
         simulate(loads(THERMOSTAT.replace("observer: {step: 0.1}", "")))

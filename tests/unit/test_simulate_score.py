@@ -8,7 +8,7 @@ import pytest
 from deshybrid.linear.dynamics import LinearDynamics
 from deshybrid.model.system import HybridSystem, Location
 from deshybrid.simulate.replay import EstimateTrace
-from deshybrid.simulate.score import score, score_locations
+from deshybrid.simulate.score import _norms, score, score_locations
 from deshybrid.simulate.trace import Trace
 
 TIME = [0.1 * i for i in range(20)]
@@ -129,3 +129,8 @@ def test_trace_without_truth_is_not_scored_and_says_so():
     result = score(trace, _estimates(trace, ("a", "a"), (True, True), np.zeros((2, 2))))
     assert result.locations is None
     assert str(result) == "the trace has no truth to score against"
+
+
+def test_errors_whose_squares_overflow_are_scored_all_the_same():
+    assert _norms(np.array([3e200, -4e200, 0.0, 0.0])) == (pytest.approx(2.5e200), 4e200)
+    assert _norms(np.zeros(3)) == (0.0, 0.0)

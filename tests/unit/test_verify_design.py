@@ -224,13 +224,89 @@ def test_an_empty_document_is_refused() -> None:
 @pytest.mark.parametrize("key", ["rate", "dwell", "delay", "step", "required_dwell"])
 def test_numbers_of_any_size_end_at_once_and_only_weaker_claims_are_accepted(key: str, value: float) -> None:
     tree = document(switched({"p": linear([[-3]], [[1]])}, [("p", "p", [[2]])]))
-    tree["certificates"][0][key] = value
+    for entry in tree["certificates"] if key == "rate" else tree["certificates"][:1]:
+        entry[key] = value
+    if key == "rate":
+        tree[key] = value
     weaker = (key, value) in {("dwell", 1e308), ("rate", 5e-324)}
     if key == "step" and value < 0:
         with pytest.raises(UsageError, match="DH0511"):
             verify_design(tree)
     else:
         assert verify_design(tree).holds == weaker
+
+
+OUTSIDE: list[tuple[str, tuple[str | int, ...], object, str]] = [
+    ("the required dwell time", ("required_dwell",), lambda d: d / 2, "`required_dwell` is that"),
+    ("no required dwell time", ("required_dwell",), None, "`required_dwell` is that"),
+    ("the rate", ("rate",), lambda r: r * 2, "`rate` is that"),
+    ("an eigenvalue", ("eigenvalues", "q1", 0, 0), lambda v: v * 2, "the eigenvalues have the sum"),
+    ("an imaginary part", ("eigenvalues", "q1", 0, 1), lambda v: v + 9.0, "the eigenvalues have the sum"),
+]
+
+
+@pytest.mark.parametrize(("what", "path", "value", "broken"), OUTSIDE, ids=[entry[0] for entry in OUTSIDE])
+def test_a_changed_number_outside_of_the_certificates_is_refused(
+    design: Tree, what: str, path: tuple[str | int, ...], value: object, broken: str
+) -> None:
+    tree = copy.deepcopy(design)
+    _set(*path)(tree, value)
+    assert any(broken in check.inequality for check in verify_design(tree).refused), what
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        ("rate",),
+        ("required_dwell",),
+        ("gains", "q1"),
+        ("eigenvalues", "q1"),
+        (*FIRST, "T", "q4"),
+        (*FIRST, "terms", "qN"),
+    ],
+)
+def test_a_design_from_which_something_was_dropped_or_to_which_a_location_was_added_is_none(
+    design: Tree, path: tuple[str | int, ...]
+) -> None:
+    for change in ("drop", "add"):
+        tree: Any = copy.deepcopy(design)
+        place = tree
+        for key in path[:-1]:
+            place = place[key]
+        if change == "drop":
+            del place[path[-1]]
+        elif len(path) > 1:
+            place["elsewhere"] = place[path[-1]]
+        else:
+            continue
+        with pytest.raises(UsageError, match="DH0511"):
+            verify_design(tree)
+
+
+def test_the_report_says_what_is_not_checked(design: Tree) -> None:
+    report = verify_design(design)
+    assert "`ultimate_bound`" in str(report)
+    assert "whether a reset or location was left out" in str(report)
+    assert report.record()["unchecked"] == list(report.unchecked)
+
+
+@pytest.mark.parametrize("path", [("gains", "q1", 0, 0), (*FIRST, "T", "q1", 0, 0, 0), (*FIRST, "rate")])
+@pytest.mark.parametrize("value", [10**401, -(10**401), -1e308, 1e308])
+def test_a_number_of_any_length_ends_in_a_verdict_or_a_code(
+    design: Tree, path: tuple[str | int, ...], value: float
+) -> None:
+    tree = copy.deepcopy(design)
+    _set(*path)(tree, value)
+    if isinstance(value, int):
+        with pytest.raises(UsageError, match="DH0511"):
+            verify_design(tree)
+    else:
+        assert not verify_design(tree).holds
+
+
+def test_a_folder_without_a_design_is_refused_by_the_name_of_the_file(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"design\.json` cannot be read"):
+        read_design(str(tmp_path))
 
 
 def test_a_state_too_large_for_exact_numbers_is_a_limit() -> None:
@@ -253,7 +329,21 @@ def test_a_design_is_read_from_a_file_a_folder_and_standard_input(
     assert read_design(str(file)) == read_design(str(tmp_path)) == read_design("-") == design
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"gains": NaN}', '{"gains": 1e999', "[" * 100_000, "\ud800"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{",
+        "[]",
+        "3",
+        '{"gains": NaN}',
+        '{"gains": 1e999',
+        "[" * 100_000,
+        "\ud800",
+        '{"a": 1, "a": 2}',
+        r'{"a": "\ud800"}',
+    ],
+)
 def test_what_is_no_design_file_is_refused_with_a_code(text: str, tmp_path: Path) -> None:
     file = tmp_path / "design.json"
     file.write_bytes(text.encode("utf-8", "surrogatepass"))
