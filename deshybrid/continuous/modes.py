@@ -23,7 +23,7 @@ from deshybrid.linear.arrays import ComplexArray, FloatArray
 DEFECTIVE = 1e7
 """A condition number beyond this is taken as infinite: the eigenvalues are then correct to half of all digits only."""
 MOST_SEARCHED = 20
-"""With more states than this, scales and column lengths are taken as they are: to search for them would take minutes."""
+"""With more states than this, scales and column lengths are taken as they are; a search would take minutes."""
 ROUND_UP = 1e-9
 """Relative amount by which claimed numbers are raised above their computed values."""
 

@@ -4,6 +4,7 @@ import control
 import numpy as np
 import pytest
 
+from deshybrid.continuous.dwell import certify_dwell
 from deshybrid.continuous.gains import design_gains, place_gain, stated_dwell
 from deshybrid.diagnostics import GainError, UsageError
 from deshybrid.linear.arrays import frozen_array
