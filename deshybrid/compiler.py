@@ -22,6 +22,7 @@ from deshybrid.diagnostics import Diagnostic, GainError, UsageError, diagnostic
 from deshybrid.model.abstraction import abstract
 from deshybrid.model.load import load
 from deshybrid.model.system import HybridSystem
+from deshybrid.model.timing import sampling_step
 
 if TYPE_CHECKING:
     from deshybrid.continuous.cycles import DwellLowerLimit
@@ -293,7 +294,7 @@ def design(
             diagnostic("DH0306", f"`{system.name}` has no continuous state, so there is no gain to design")
         )
     recovery = recover(system, max_states=max_states)
-    draft = Design(system, recovery, step or system.observer.step or system.time_step or 0.0)
+    draft = Design(system, recovery, sampling_step(system) if step is None else step)
     if not recovery.plan.recoverable:
         return draft
     from deshybrid.continuous.gains import design_gains
@@ -302,18 +303,7 @@ def design(
         gains = design_gains(system, recovery.locations_to_estimate, rate=rate, dwell=dwell, method=method)
     except GainError as error:
         return replace(draft, problems=error.diagnostics)
-    step = _step_for(system, gains) if step is None else step
-    return _certified(replace(draft, gains=gains, step=step, problems=gains.warnings))
-
-
-def _step_for(system: HybridSystem, gains: "ObserverGains") -> float:
-    """A sampling step of a twentieth of the fastest pole's time constant, where the model names none."""
-    if system.time_step is not None:
-        return system.time_step
-    if system.observer.step is not None:
-        return system.observer.step
-    fastest = max((abs(pole) for poles in gains.eigenvalues.values() for pole in poles), default=1.0)
-    return float(f"{0.05 / max(fastest, 1e-9):.1g}")
+    return _certified(replace(draft, gains=gains, problems=gains.warnings))
 
 
 def _certified(draft: Design) -> Design:

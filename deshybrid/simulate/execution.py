@@ -20,6 +20,7 @@ import numpy as np
 from deshybrid.diagnostics import Diagnostic, Span, UsageError, diagnostic, raise_all
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.system import HybridSystem, HybridTransition
+from deshybrid.model.timing import sampling_step
 from deshybrid.simulate.events import Agenda, Stop, Switch
 from deshybrid.simulate.plant import Drive, Plant
 from deshybrid.simulate.sensors import measure
@@ -71,8 +72,8 @@ def simulate(
     duration : float, s
         By default that of the model's `simulation`, or 60 s.
     step : float, s
-        Time between two rows of the trace; by default `observer.step` or `time.step`.  A purely discrete model needs
-        none and ignores it: it has one row for each transition.
+        Time between two rows of the trace; by default the model's, or a derived one (`sampling_step`).  A purely
+        discrete model needs none and ignores it: it has one row for each transition.
     substeps : int
         Divisions of one step, over which inputs are held; by default 10, more where a ripple or an oscillation of the
         model has less than 16 of them in one period.
@@ -80,7 +81,7 @@ def simulate(
     Raises
     ------
     UsageError
-        DH0701 (seed), DH0702 (duration), DH0703 (no step or an impossible one), DH0704 (too many sub-steps).
+        DH0701 (seed), DH0702 (duration), DH0703 (an impossible step), DH0704 (too many sub-steps).
 
     >>> from deshybrid.model.system import Dwell, HybridTransition, Location
     >>> pair = (HybridTransition("on", "a", "off", ("α",)), HybridTransition("off", "b", "on"))
@@ -148,10 +149,7 @@ def _mistakes(seed: int, duration: float) -> list[Diagnostic]:
 
 def _step_of(system: HybridSystem, wanted: float | None) -> float:
     """The step of the trace; in discrete time a whole number of the model's own steps."""
-    step = wanted if wanted is not None else system.time_step or system.observer.step
-    if step is None:
-        helps = ("give `--step`, or `observer: {step: ...}` in the model",)
-        raise UsageError(diagnostic("DH0703", f"no step is known for the trace of `{system.name}`", helps=helps))
+    step = sampling_step(system) if wanted is None else wanted
     own = system.time_step
     whole = own is None or (step / own > 0.5 and abs(step / own - round(step / own)) < 1e-9)
     if not (0.0 < step < math.inf and whole):
