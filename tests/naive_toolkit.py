@@ -1,10 +1,11 @@
 """The toolkit's notions as the textbooks define them, by brute force on explicit sets and bounded words: the oracle."""
 
-from collections.abc import Callable, Iterable, Iterator
-from itertools import product
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from itertools import pairwise, product
 
 from deshybrid.des.automaton import DES, Output, Transition
-from tests.naive_des import after_silence, all_outputs, entered, reachable
+from deshybrid.des.twins import TwinWitness
+from tests.naive_des import after_silence, all_outputs, entered, reachable, reachable_from_cycles
 
 Names = frozenset[str]
 
@@ -117,3 +118,116 @@ def shows(des: DES, run: Iterable[tuple[str, str]], word: list[str]) -> bool:
         places = {p for p in places if None in seen} | {p + 1 for p in places if p < len(word) and word[p] in seen}
         here = location
     return len(word) in places
+
+
+def lasting_path(nodes: Iterable[Hashable], arcs: Iterable[tuple[Hashable, Hashable]]) -> set[Hashable]:
+    """Where a path of as many steps as there are nodes, or more, can end, if it stays within `nodes` all the time."""
+    inside = set(nodes)
+    arcs = [(source, target) for source, target in arcs if source in inside and target in inside]
+    layer = set(inside)
+    for _ in range(len(inside) + 1):
+        layer = {target for source, target in arcs if source in layer}
+    return layer
+
+
+def detectable(des: DES) -> dict[str, bool]:
+    """The four forms of detectability, read off the observer of closed estimates."""
+    root = after_silence(des, des.initial)
+    arcs = [(source, target) for source, _, target in closed_arcs(des)]
+    states = {root, *(target for _, target in arcs)}
+    single = {state for state in states if len(state) == 1}
+    lasting = reachable_from_cycles([root], arcs)
+    return {
+        "strong": lasting <= set(single),
+        "weak": bool(lasting_path(single, arcs)),
+        "strong periodic": not lasting_path(states - single, arcs),
+        "weak periodic": any(s in reachable([t for p, t in arcs if p == s], arcs) for s in single),
+    }
+
+
+def estimates_on_lasso(des: DES, before: list[str], around: list[str], after: list[str]) -> Iterator[list[Names]]:
+    """Round after round until they repeat: the estimates from the start of the round on, then the one after `after`."""
+    output = {str(o): o for o in all_outputs(des)}
+    start = after_word(des, des.initial, [output[o] for o in before])
+    known: set[Names] = set()
+    while start not in known:
+        known.add(start)
+        estimates = [start]
+        for o in around:
+            estimates.append(current(des, estimates[-1], output[o]))
+        start = estimates[-1]
+        yield [*estimates, after_word(des, start, [output[o] for o in after])]
+
+
+def twin_faults(des: DES, witness: TwinWitness) -> list[str]:
+    """What is wrong with two runs that claim equal outputs, part by part, and parts that can be repeated."""
+    arcs = {(t.source, t.event, t.target) for t in des.transitions}
+    faults = []
+    for run, (start, stop) in zip(witness.runs, witness.cycles, strict=True):
+        if run[0].location not in des.initial:
+            faults.append("start")
+        if any((a.location, b.event, b.location) not in arcs for a, b in pairwise(run)):
+            faults.append("arc")
+        if run[start].location != run[stop].location:
+            faults.append("cycle")
+        first, last = witness.repeated
+        parts = [(run[: start + 1], witness.outputs[:first]), (run[start : stop + 1], witness.outputs[first:last])]
+        parts.append((run[stop:], witness.outputs[last:]))
+        faults += ["outputs" for part, word in parts if not shows(des, part, list(word))]
+    return faults
+
+
+def sound_part(des: DES, faults: set[str]) -> DES:
+    return DES(des.locations, tuple(t for t in des.transitions if t.event not in faults), des.initial)
+
+
+def diagnosable(des: DES, faults: set[str]) -> bool:
+    """By the definition: follow all runs beside the set of locations in which a run without a fault can be."""
+    sound = sound_part(des, faults)
+    arcs: list[tuple[Hashable, Hashable]] = []
+    waiting = [(q, False, after_silence(sound, sound.initial)) for q in des.initial]
+    known = set(waiting)
+    while waiting:
+        here, faulty, others = node = waiting.pop()
+        for t in des.transitions:
+            for seen in t.seen if t.source == here else ():
+                left = others if seen is None else current(sound, others, seen)
+                after = (t.target, faulty or t.event in faults, left)
+                arcs.append((node, after))
+                if after not in known:
+                    known.add(after)
+                    waiting.append(after)
+    return not lasting_path([node for node in known if node[1] and node[2]], arcs)
+
+
+def predictable(des: DES, faults: set[str]) -> bool:
+    """By the definition, with the last moment before the fault, which is the best one to predict it."""
+    sound = sound_part(des, faults)
+    arcs: list[tuple[Hashable, Hashable]] = [(t.source, t.target) for t in sound.transitions]
+    goes_on = {q for q in des.locations if can_go_on(q, arcs, len(des.locations))}
+    threatened = {t.source for t in des.transitions if t.event in faults}
+    estimates = {after_silence(sound, sound.initial), *(target for _, _, target in closed_arcs(sound))}
+    return not any(estimate & threatened and estimate & goes_on for estimate in estimates)
+
+
+def can_go_on(start: Hashable, arcs: list[tuple[Hashable, Hashable]], steps: int) -> bool:
+    layer = {start}
+    for _ in range(steps):
+        layer = {target for source, target in arcs if source in layer}
+    return bool(layer)
+
+
+def shortest_betrayal(des: DES, secret: set[str], *, at_start: bool) -> int | None:
+    """Length of a shortest word after which only secret locations are possible, now or as those it all began in."""
+    layer = {tuple((q, after_silence(des, [q])) for q in des.initial)}
+    known, length = set(layer), 0
+    while layer:
+        for runs in layer:
+            now = {name for _, estimate in runs for name in estimate}
+            start = {q for q, estimate in runs if estimate}
+            if now and (start if at_start else now) <= secret:
+                return length
+        layer = {tuple((q, current(des, e, o)) for q, e in runs) for runs in layer for o in all_outputs(des)} - known
+        known |= layer
+        length += 1
+    return None
