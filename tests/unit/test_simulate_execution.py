@@ -11,6 +11,7 @@ from scipy.linalg import expm
 
 from deshybrid.diagnostics import UsageError, catalogue, render
 from deshybrid.model.load import loads
+from deshybrid.model.timing import sampling_step
 from deshybrid.simulate.execution import row_times, simulate
 from deshybrid.simulate.trace import parse_trace, write_trace
 
@@ -535,10 +536,9 @@ def test_too_many_sub_steps_of_a_step_of_the_model_are_shown_where_it_is_written
     assert found.span.line == 1 + THERMOSTAT[: THERMOSTAT.index("observer:")].count("\n")
 
 
-def test_missing_step_and_a_step_between_those_of_the_model_are_refused():
-    with pytest.raises(UsageError) as caught:
-        simulate(loads(THERMOSTAT.replace("observer: {step: 0.1}", "")))
-    assert caught.value.diagnostics[0].code == "DH0703"
+def test_a_missing_step_is_derived_and_one_between_those_of_the_model_is_refused():
+    unstated = loads(THERMOSTAT.replace("observer: {step: 0.1}", ""))
+    assert simulate(unstated, duration=4).step == sampling_step(unstated)
     sampled = loads(THERMOSTAT.replace("observer: {step: 0.1}", "time: {step: 0.2}").replace("-1", "0.5"))
     assert len(simulate(sampled, step=0.4, duration=4).trace) == 11
     for step in (0.3, 0.1):
