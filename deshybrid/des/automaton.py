@@ -6,12 +6,15 @@ DES carries, beside the output γ, a signature s on some transitions; what an ob
 Source: Balluchi et al. (2012), section 3.1 (D_H) and section 4.1 (complementary DES).
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from deshybrid.diagnostics import ModelError, Span, diagnostic
+from deshybrid.diagnostics import ModelError, Span, UsageError, diagnostic
+
+if TYPE_CHECKING:
+    import networkx
 
 
 class Output(NamedTuple):
@@ -62,15 +65,18 @@ class Transition:
         return f"{self.source} -{self.event}/{shown}-> {self.target}"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class DES:
     """D_H: a nondeterministic discrete-event system; order of locations and transitions is order of declaration.
 
+    `len(des)` counts the transitions, iteration goes through them, `des["2"]` holds those that leave location `2`.
     Raises `ModelError` (DH0404) when a transition or the initial set names an unknown location, or one is given twice.
 
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", None)])
     >>> des.locations, des.initial
     (('1', '2'), ('1', '2'))
+    >>> des, len(des), [transition.event for transition in des], str(des["2"][0])
+    (<DES des: 2 locations, 2 transitions, 2 initial>, 2, ['a', 'b'], '2 -b/ε-> 1')
     """
 
     locations: tuple[str, ...]
@@ -89,6 +95,31 @@ class DES:
         ]
         if unknown:
             raise ModelError(*(diagnostic("DH0404", f"unknown location `{name}`", span) for span, name in unknown))
+
+    def __len__(self) -> int:
+        return len(self.transitions)
+
+    def __bool__(self) -> bool:
+        return True  # a system without transitions is a system
+
+    def __iter__(self) -> Iterator[Transition]:
+        return iter(self.transitions)
+
+    def __getitem__(self, location: str) -> tuple[Transition, ...]:
+        """Return the transitions that leave `location`, by declaration; `UsageError` (DH0404) where there is none such.
+
+        Looks at every transition.
+
+        >>> DES.from_transitions([("1", "a", "2", "α")])["2"]
+        ()
+        """
+        if location not in self.locations:
+            raise UsageError(diagnostic("DH0404", f"unknown location `{location}`"))
+        return tuple(transition for transition in self.transitions if transition.source == location)
+
+    def __repr__(self) -> str:
+        sizes = f"{len(self.locations)} locations, {len(self)} transitions, {len(self.initial)} initial"
+        return f"<DES {self.name}: {sizes}>"
 
     @classmethod
     def from_transitions(
@@ -124,6 +155,61 @@ class DES:
         """
         arcs = tuple(replace(t, signature=signatures.get(i, t.signature)) for i, t in enumerate(self.transitions))
         return replace(self, transitions=arcs)
+
+    def to_networkx(self) -> "networkx.MultiDiGraph[str]":
+        """Return a networkx graph: nodes are locations, edges carry `event`, `outputs`, `signature` and `number`.
+
+        `number` is the place of the transition in the system, since networkx groups edges by source; `name` and
+        `initial` are attributes of the graph.  `from_networkx` takes it back.
+
+        >>> des = DES.from_transitions([("1", "a", "2", "α")])
+        >>> list(des.to_networkx().edges(data=True))
+        [('1', '2', {'event': 'a', 'outputs': ('α',), 'signature': None, 'number': 0})]
+        """
+        import networkx
+
+        graph: networkx.MultiDiGraph[str] = networkx.MultiDiGraph(name=self.name, initial=self.initial)
+        graph.add_nodes_from(self.locations)
+        for number, t in enumerate(self.transitions):
+            facts = {"event": t.event, "outputs": t.outputs, "signature": t.signature, "number": number}
+            graph.add_edges_from([(t.source, t.target, facts)])
+        return graph
+
+    @classmethod
+    def from_networkx(cls, graph: "networkx.DiGraph[Any]", *, initial: Iterable[str] = ()) -> "DES":
+        """Return the system that a directed networkx graph describes; `initial` goes before the graph's own.
+
+        Nodes are named by their text.  Every edge needs an `event` and its `outputs`: a text, None for ε, or a tuple of
+        these; `signature` and `number` (by which edges are ordered where all have one) may be missing.
+        Raises `UsageError` (DH0422) on an edge without them, `ModelError` (DH0404) where nodes have the same text.
+
+        >>> import networkx
+        >>> graph = networkx.DiGraph()
+        >>> graph.add_edge(1, 2, event="a", outputs=None)
+        >>> str(DES.from_networkx(graph).transitions[0])
+        '1 -a/ε-> 2'
+        """
+        edges = list(graph.edges(data=True))
+        bare = [(source, target) for source, target, facts in edges if not {"event", "outputs"} <= set(facts)]
+        if bare or not graph.is_directed():
+            faults = [f"the edge from `{source}` to `{target}` lacks `event` or `outputs`" for source, target in bare]
+            faults += [] if graph.is_directed() else ["the graph is not directed"]
+            raise UsageError(*(diagnostic("DH0422", fault) for fault in faults))
+        if all(isinstance(facts.get("number"), int) for _, _, facts in edges):
+            edges.sort(key=lambda edge: edge[2]["number"])
+        arcs = tuple(
+            Transition(
+                str(source), str(facts["event"]), str(target), _outputs(facts["outputs"]), facts.get("signature")
+            )
+            for source, target, facts in edges
+        )
+        starts = tuple(initial) or tuple(str(name) for name in graph.graph.get("initial", ()))
+        return cls(tuple(str(node) for node in graph), arcs, starts, str(graph.graph.get("name") or "des"))
+
+
+def _outputs(given: object) -> tuple[str | None, ...]:
+    several = given if isinstance(given, (tuple, list)) else (given,)
+    return tuple(None if output is None else str(output) for output in several)
 
 
 __all__ = ["DES", "Output", "Transition"]
