@@ -11,7 +11,8 @@ Source: Hopcroft, Motwani and Ullman (2006), sections 2.3 and 4.4; Moore (1956).
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 from deshybrid.des.automaton import DES, Output, Transition
 from deshybrid.des.bitsets import mask_of, members
@@ -63,12 +64,12 @@ class DeterministicAutomaton:
 class LanguageReport:
     """Whether a relation between two output languages holds; `word` is a shortest one that breaks it, else None.
 
-    `missing_from` is the name of the system that cannot show the word.
+    `missing_from` says which of the two systems cannot show the word.
     """
 
     holds: bool
     word: tuple[str, ...] | None
-    missing_from: str | None = None
+    missing_from: Literal["first", "second"] | None = None
 
 
 def determinise(
@@ -181,7 +182,7 @@ def included(
     graph, goal = find_first(roots, onwards, breaks, limit=max_states, what="states of the comparison")
     if goal is None:
         return LanguageReport(True, None)
-    return LanguageReport(False, tuple(str(output) for output in labels_to(graph, goal)), second.name)
+    return LanguageReport(False, tuple(str(output) for output in labels_to(graph, goal)), "second")
 
 
 def equivalent(
@@ -197,16 +198,17 @@ def equivalent(
     Two inclusions; cost, errors and source as for `included`.
 
     >>> one = DES.from_transitions([("1", "a", "1", "α")])
-    >>> two = DES.from_transitions([("x", "a", "y", "α"), ("y", "s", "y", None)], initial=["x"], name="two")
+    >>> two = DES.from_transitions([("x", "a", "y", "α"), ("y", "s", "y", None)], initial=["x"])
     >>> equivalent(one, two)
-    LanguageReport(holds=False, word=('α', 'α'), missing_from='two')
+    LanguageReport(holds=False, word=('α', 'α'), missing_from='second')
     """
     first_marks = None if first_marked is None else known_locations(first, first_marked, "first_marked")
     second_marks = None if second_marked is None else known_locations(second, second_marked, "second_marked")
     there = included(first, second, first_marked=first_marks, second_marked=second_marks, max_states=max_states)
     back = included(second, first, first_marked=second_marks, second_marked=first_marks, max_states=max_states)
-    broken = [report for report in (there, back) if report.word is not None]
-    return min(broken, key=lambda report: len(report.word or ()), default=there)
+    if back.word is not None and (there.word is None or len(back.word) < len(there.word)):
+        return replace(back, missing_from="first")
+    return there
 
 
 def _marked(des: DES, marked: Iterable[str] | None, what: str) -> int:
