@@ -10,9 +10,11 @@ Cost: |Q| searches; at most |Q|² · |Γ| edges.  Source: Balluchi et al. (2012)
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from functools import cached_property
+from typing import Any, NamedTuple, TypeAlias
 
 from deshybrid.des.automaton import DES, Output
+from deshybrid.des.subsets import SubsetMoves, subset_moves
 from deshybrid.des.worklist import explore
 
 Moves: TypeAlias = dict[int, list[tuple[int, int]]]
@@ -30,17 +32,29 @@ class Edge(NamedTuple):
         return f"{self.source} -{self.output}-> {self.target}"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class OutputAutomaton:
     """D'_H: p —γ→ q exists once where p ⇒ε* p' —γ→ q in D_H, with a shortest path, first by declaration among equals.
 
-    `edges` are ordered by source, then by length of their path, then by declaration.
+    Edges are found when they are first asked for: D_O needs none of them.
     """
 
     des: DES
-    edges: tuple[Edge, ...]
 
-    @property
+    @cached_property
+    def edges(self) -> tuple[Edge, ...]:
+        """Ordered by source, then by length of their path, then by declaration."""
+        leaving: dict[str, list[int]] = {location: [] for location in self.des.locations}
+        for number, transition in enumerate(self.des.transitions):
+            leaving[transition.source].append(number)
+        return tuple(edge for source in self.des.locations for edge in _edges_from(self.des, leaving, source))
+
+    @cached_property
+    def subsets(self) -> SubsetMoves[Any]:
+        """How sets of locations move, without any edge of D'_H."""
+        return subset_moves(self.des, self.outputs)
+
+    @cached_property
     def outputs(self) -> tuple[Output, ...]:
         """Everything that may be seen, in the order of first appearance in the transitions of the DES.
 
@@ -61,10 +75,7 @@ def eliminate_epsilon(des: DES) -> OutputAutomaton:
     2 -α-> 2 (0, 1)
     5 -α-> 2 (1,)
     """
-    leaving: dict[str, list[int]] = {location: [] for location in des.locations}
-    for number, transition in enumerate(des.transitions):
-        leaving[transition.source].append(number)
-    return OutputAutomaton(des, tuple(edge for source in des.locations for edge in _edges_from(des, leaving, source)))
+    return OutputAutomaton(des)
 
 
 def _edges_from(des: DES, leaving: dict[str, list[int]], source: str) -> Iterator[Edge]:

@@ -37,10 +37,11 @@ _MODEST = 2_000  # states of D_O that "auto" is ready to build
 
 @dataclass(frozen=True, slots=True)
 class _Findings:
-    """What one method found: C2 failures, and the most outputs after which two locations are possible."""
+    """What one method found: C2 failures, the most outputs after which two locations are possible, why this method."""
 
     c2_failures: tuple[C2Failure, ...]
     longest_confusion: int | None
+    reason: str
     observer: LocationObserver | None = None
     pairs: PersistentPairs | None = None
 
@@ -60,7 +61,7 @@ def check_observability(des: DES, *, method: Method = "auto", max_states: int = 
     fig2: not current-location observable
       persistent locations: 0, 2, 5
       C1 fails: 2 -d/ε-> 5
-      checked by the location observer, 5 states
+      checked by the location observer, 5 states: the automatic choice up to 2000
     """
     if method not in get_args(Method):
         raise UsageError(diagnostic("DH0407", f"unknown method `{method}`", helps=("write auto, observer or pairs",)))
@@ -83,21 +84,26 @@ def check_observability(des: DES, *, method: Method = "auto", max_states: int = 
         transient_bound=_bound(findings.longest_confusion) if observable else None,
         witness=_witness(automaton, c1_failures, findings),
         method="pairs" if findings.observer is None else "observer",
+        method_reason=findings.reason,
     )
 
 
 def _find(automaton: OutputAutomaton, persistent: tuple[str, ...], method: Method, max_states: int) -> _Findings:
+    asked = "the method asked for"
     if method == "pairs":
-        return _find_by_pairs(automaton, persistent)
+        return _find_by_pairs(automaton, persistent, asked)
     if method == "observer":
-        return _find_by_observer(automaton, persistent, max_states)
+        return _find_by_observer(automaton, persistent, asked, max_states)
+    modest = min(max_states, _MODEST)
     try:
-        return _find_by_observer(automaton, persistent, min(max_states, _MODEST))
+        return _find_by_observer(automaton, persistent, f"the automatic choice up to {modest}", modest)
     except LimitReached:
-        return _find_by_pairs(automaton, persistent)
+        return _find_by_pairs(automaton, persistent, f"the location observer has more than {modest} states")
 
 
-def _find_by_observer(automaton: OutputAutomaton, persistent: tuple[str, ...], max_states: int) -> _Findings:
+def _find_by_observer(
+    automaton: OutputAutomaton, persistent: tuple[str, ...], reason: str, max_states: int
+) -> _Findings:
     observer = build_location_observer(automaton, max_states=max_states)
     lasting: dict[str, list[tuple[str, ...]]] = {location: [] for location in automaton.des.locations}
     for state in (observer.states[number] for number in observer.persistent):
@@ -105,13 +111,13 @@ def _find_by_observer(automaton: OutputAutomaton, persistent: tuple[str, ...], m
             lasting[location].append(state)
     failures = _failures(persistent, lasting)
     if failures:
-        return _Findings(failures, None, observer)
+        return _Findings(failures, None, reason, observer)
     graph = Graph(observer.states, observer.transitions, ())
     several = [number for number, state in enumerate(observer.states) if len(state) > 1]
-    return _Findings(failures, longest_path_to(graph, several), observer)
+    return _Findings(failures, longest_path_to(graph, several), reason, observer)
 
 
-def _find_by_pairs(automaton: OutputAutomaton, persistent: tuple[str, ...]) -> _Findings:
+def _find_by_pairs(automaton: OutputAutomaton, persistent: tuple[str, ...], reason: str) -> _Findings:
     pairs = persistent_pairs(automaton)
     names = automaton.des.locations
     lasting: dict[str, list[tuple[str, ...]]] = {location: [] for location in names}
@@ -120,7 +126,7 @@ def _find_by_pairs(automaton: OutputAutomaton, persistent: tuple[str, ...]) -> _
         for location in state:
             lasting[location].append(state)
     failures = _failures(persistent, lasting)
-    return _Findings(failures, None if failures else pairs.longest_confusion, None, pairs)
+    return _Findings(failures, None if failures else pairs.longest_confusion, reason, None, pairs)
 
 
 def _failures(persistent: tuple[str, ...], lasting: dict[str, list[tuple[str, ...]]]) -> tuple[C2Failure, ...]:

@@ -3,16 +3,18 @@
 Subset construction on D'_H from the set of all initial locations.  There is no ε-closure after the output: a state of
 D_O is an *entry estimate*, the current estimate of the textbooks is larger by what can follow silently.
 
-In: an `OutputAutomaton`.  Out: a `LocationObserver`.  Idea: sets of locations are bit masks, found by the worklist.
+In: an `OutputAutomaton`.  Out: a `LocationObserver`.  Idea: the worklist over sets of locations, closed under
+silence as they come (`subsets`).
 Cost: up to 2^|Q| states, hence `max_states`.  Source: Balluchi et al. (2012), section 3.1, construction step 2.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from deshybrid.des.automaton import DES, Output
 from deshybrid.des.cycles import persistent_nodes
-from deshybrid.des.epsilon import OutputAutomaton, moves_by_location
+from deshybrid.des.epsilon import OutputAutomaton
+from deshybrid.des.subsets import Subset, SubsetMoves
 from deshybrid.des.worklist import explore
 from deshybrid.diagnostics import UsageError, diagnostic
 
@@ -52,16 +54,15 @@ def build_location_observer(
     >>> observer.states, observer.persistent
     ((('1', '2'), ('2',), ('1',)), (1, 2))
     """
-    des = automaton.des
-    successors = _subset_moves(automaton)
-    extra = [_mask(des, _known(des, start)) for start in starts]
-    graph = explore([_mask(des, set(des.initial))], successors, limit=max_states, what="observer states")
+    des, moves = automaton.des, automaton.subsets
+    extra = [_subset(moves, des, _known(des, start)) for start in starts]
+    graph = explore([_subset(moves, des, des.initial)], moves.successors, limit=max_states, what="observer states")
     persistent = persistent_nodes(graph)
     if extra:  # the states known so far go first and keep their numbers
-        graph = explore([*graph.nodes, *extra], successors, limit=max_states, what="observer states")
+        graph = explore([*graph.nodes, *extra], moves.successors, limit=max_states, what="observer states")
     outputs = automaton.outputs
     return LocationObserver(
-        states=tuple(_names(des, mask) for mask in graph.nodes),
+        states=tuple(_names(moves, des, subset) for subset in graph.nodes),
         initial=0,
         transitions=tuple((source, outputs[output], target) for source, output, target in graph.arcs),
         persistent=tuple(persistent),
@@ -80,53 +81,24 @@ def entry_estimates(automaton: OutputAutomaton, outputs: Iterable[Output | str])
     >>> entry_estimates(eliminate_epsilon(des), ["α", "β", "β"])
     (('1', '2'), ('2',), ('1',), ())
     """
-    successors = _subset_moves(automaton)
+    des, moves = automaton.des, automaton.subsets
     number = {str(output): index for index, output in enumerate(automaton.outputs)}
-    mask = _mask(automaton.des, set(automaton.des.initial))
-    masks = [mask]
+    nothing = moves.subset(())
+    subset = _subset(moves, des, des.initial)
+    subsets = [subset]
     for output in outputs:
-        mask = dict(successors(mask)).get(number.get(str(output), -1), 0)
-        masks.append(mask)
-    return tuple(_names(automaton.des, mask) for mask in masks)
+        subset = dict(moves.successors(subset)).get(number.get(str(output), -1), nothing)
+        subsets.append(subset)
+    return tuple(_names(moves, des, subset) for subset in subsets)
 
 
-def _subset_moves(automaton: OutputAutomaton) -> Callable[[int], list[tuple[int, int]]]:
-    """Return the function from a bit mask of locations to its (output number, bit mask) moves, outputs ascending."""
-    masks = [
-        {output: _union(1 << target for target, _ in arrivals) for output, arrivals in table.items()}
-        for table in moves_by_location(automaton)
-    ]
-
-    def successors(mask: int) -> list[tuple[int, int]]:
-        found: dict[int, int] = {}
-        for location in _bits(mask):
-            for output, targets in masks[location].items():
-                found[output] = found.get(output, 0) | targets
-        return sorted(found.items())
-
-    return successors
+def _subset(moves: SubsetMoves[Subset], des: DES, names: Iterable[str]) -> Subset:
+    wanted = set(names)
+    return moves.subset([number for number, name in enumerate(des.locations) if name in wanted])
 
 
-def _union(masks: Iterable[int]) -> int:
-    union = 0
-    for mask in masks:
-        union |= mask
-    return union
-
-
-def _bits(mask: int) -> Iterator[int]:
-    while mask:
-        lowest = mask & -mask
-        yield lowest.bit_length() - 1
-        mask ^= lowest
-
-
-def _mask(des: DES, names: set[str]) -> int:
-    return _union(1 << number for number, name in enumerate(des.locations) if name in names)
-
-
-def _names(des: DES, mask: int) -> tuple[str, ...]:
-    return tuple(des.locations[number] for number in _bits(mask))
+def _names(moves: SubsetMoves[Subset], des: DES, subset: Subset) -> tuple[str, ...]:
+    return tuple(des.locations[number] for number in moves.members(subset))
 
 
 def _known(des: DES, start: tuple[str, ...]) -> set[str]:

@@ -31,7 +31,8 @@ class ObservabilityReport:
 
     `transient_bound` is K, where the verdict is yes: the fewest outputs after which every entry estimate is a single
     location, for good (0 where the start set is one location and no output ever leaves a doubt); else None.
-    `observer` is None where the method was "pairs".  `witness` is None exactly where the verdict is yes.
+    `observer` is None where the method was "pairs"; `method_reason` says why the method was taken.  `witness` is None
+    exactly where the verdict is yes.
     """
 
     des: DES
@@ -45,6 +46,7 @@ class ObservabilityReport:
     transient_bound: int | None
     witness: Witness | None
     method: Literal["observer", "pairs"]
+    method_reason: str
 
     @property
     def current_location_observable(self) -> bool:
@@ -69,7 +71,7 @@ class ObservabilityReport:
             method = "by pairs of locations"
         else:
             method = f"by the location observer, {_count(len(self.observer.states), 'state')}"
-        return "\n".join([*lines, f"  checked {method}"])
+        return "\n".join([*lines, f"  checked {method}: {self.method_reason}"])
 
     def __repr__(self) -> str:
         return (

@@ -144,7 +144,7 @@ class TestVerdicts:
             "ring: current-location observable",
             "  persistent locations: 1, 2",
             "  the location is known after 1 output",
-            "  checked by the location observer, 3 states",
+            "  checked by the location observer, 3 states: the automatic choice up to 2000",
         ]
         assert repr(report).startswith("<ObservabilityReport of ring: observable=True")
 
