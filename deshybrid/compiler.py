@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from deshybrid.des.signatures import SignaturePlan
     from deshybrid.detector.candidates import FeasibleCandidate
     from deshybrid.detector.detector import TransitionDetector
+    from deshybrid.linear.arrays import ComplexArray
     from deshybrid.observer.hybrid import HybridObserver
 
 Source: TypeAlias = str | Path | HybridSystem | DES
@@ -162,12 +163,9 @@ class Design:
             return f"{name}: an observer of the location; there is no continuous state"
         lines = [f"{name}: a switching observer with rate {self.gains.rate:g} 1/s, sampled every {self.step:g} s"]
         for place in self.gains.locations:
-            poles = ", ".join(
-                f"{pole.real:.4g}{pole.imag:+.4g}j" if pole.imag else f"{pole.real:.4g}"
-                for pole in self.gains.eigenvalues[place]
-            )
-            fixed = len(self.gains.fixed_modes[place])
-            lines.append(f"  {place}: poles {poles}" + (f", {fixed} of them fixed" if fixed else ""))
+            fixed = _poles(self.gains.fixed_modes[place])
+            text = f"  {place}: poles {_poles(self.gains.eigenvalues[place])}"
+            lines.append(f"{text}; fixed, as no output shows them: {fixed}" if fixed else text)
         lines += [f"  {c.theorem}: {'holds' if c.holds else 'does not hold'}: {c.reason}" for c in self.certificates]
         if self.ultimate is not None:
             bound = self.ultimate.value
@@ -175,6 +173,10 @@ class Design:
                 f"  ultimate bound: {'none' if bound is None else format(bound, '.4g')} ({self.ultimate.reason})"
             )
         return "\n".join(lines)
+
+
+def _poles(values: "ComplexArray") -> str:
+    return ", ".join(f"{pole.real:.4g}{pole.imag:+.4g}j" if pole.imag else f"{pole.real:.4g}" for pole in values)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
