@@ -333,6 +333,26 @@ def draw(
 
 
 @app.command()
+def convert(
+    source: Annotated[str, typer.Argument(metavar="SOURCE", help="a file of any format, or - for standard input")],
+    target: Annotated[Path | None, typer.Argument(metavar="TARGET", help="the file to write, the same as -o")] = None,
+    read_as: Annotated[str | None, typer.Option("--from", help="format of SOURCE; default: its suffix")] = None,
+    write_as: Annotated[str | None, typer.Option("--to", help="format of the result; default: its suffix")] = None,
+    silent: Annotated[list[str] | None, typer.Option(help="an output that means ε; may be repeated")] = None,
+    symbols: Annotated[str | None, typer.Option(help="the symbol table of an AT&T text")] = None,
+    output: Output = None,
+) -> None:
+    """Turn automata of other tools into models, and models into files of other tools."""
+    from deshybrid.formats.table import convert_file
+
+    if target is not None and output is not None:
+        raise UsageError(diagnostic("DH0805", "the result has two names", helps=("write TARGET or `-o`, not both",)))
+    written = convert_file(source, target or output, read_as, write_as, silent=silent or (), symbols=symbols)
+    _write(target or output, written.text)
+    _say(written.warnings)
+
+
+@app.command()
 def verify(
     design_file: Annotated[str, typer.Argument(metavar="DESIGN", help="a design.json, a compiled folder, or -")],
     as_json: AsJson = False,
@@ -361,11 +381,9 @@ def explain(code: Annotated[str, typer.Argument(metavar="CODE", help="a code suc
     """Explain a message's code."""
     found = catalogue().get(code.upper())
     if found is None:
-        import difflib
+        from deshybrid.model.problems import did_you_mean
 
-        near = difflib.get_close_matches(code.upper(), catalogue(), n=1)
-        helps = tuple(f"did you mean `{name}`" for name in near)
-        raise UsageError(diagnostic("DH0307", f"there is no code `{code}`", helps=helps))
+        raise UsageError(diagnostic("DH0307", f"no code `{code}`", helps=did_you_mean(code.upper(), catalogue())))
     _write(None, f"{found.code}: {found.title}\n\n{found.text}\n")
 
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from deshybrid.des.automaton import DES, Transition
 from deshybrid.des.candidates import Candidate
+from deshybrid.formats.document import Document, Event
 from deshybrid.linear.dynamics import LinearDynamics
 from deshybrid.model.predicates import Affine, And
 from deshybrid.model.system import (
@@ -224,3 +225,35 @@ def damaged(draw: st.DrawFn, text: str) -> str:
         if not text:
             return "x"
     return text
+
+
+# ---- files of other tools ---------------------------------------------------------------------------------------
+
+
+def hostile_names(*, without: str = "") -> st.SearchStrategy[str]:
+    """Names that are awkward in some format: quotes, brackets, escapes, keywords, letters of other alphabets."""
+    awkward = [" ", '"', "'", "<", ">", "&", "%", "#", "/", "\\", "|", ";", ":", "+", "{", "}", "[", "]", "=", "-", ","]
+    letters = st.sampled_from([letter for letter in [*"ab01", "α", "é", "漢", "🙂", *awkward] if letter not in without])
+    texts = st.text(letters, min_size=1, max_size=6).map(str.strip).filter(bool)
+    words = ["graph", "node", "null", "true", "~", "0x1", "+o+", "<S>", "&lt;", "\\n", "EVENTS", "0", "ε", "a b", "--"]
+    return st.one_of(texts, st.sampled_from([word for word in words if not set(word) & set(without)]))
+
+
+@st.composite
+def documents(draw: st.DrawFn, *, without: str = "", outputs: bool = True, one_initial: bool = False) -> Document:
+    """A document with hostile names, whose transitions are distinct and, without `outputs`, show their own event."""
+    names = draw(st.lists(hostile_names(without=without), min_size=1, max_size=4, unique=True))
+    events = draw(st.lists(hostile_names(without=without), min_size=1, max_size=3, unique=True))
+    visible = {event: draw(st.booleans()) for event in events}
+    shown = st.lists(st.one_of(st.none(), hostile_names(without=without)), min_size=1, max_size=2, unique=True)
+    place = st.sampled_from(names)
+    ends = draw(st.lists(st.tuples(place, st.sampled_from(events), place), max_size=6, unique=True))
+    arcs = tuple(
+        Transition(*end, tuple(draw(shown)) if outputs else ((end[1] if visible[end[1]] else None),)) for end in ends
+    )
+    count = 1 if one_initial else len(names)
+    start = draw(st.lists(place, min_size=1, max_size=count, unique=True))
+    initial = [name for name in names if name in start]
+    marked = tuple(name for name in names if draw(st.booleans()))
+    alphabet = tuple(Event(event, draw(st.booleans()), visible[event]) for event in events)
+    return Document(DES(tuple(names), arcs, tuple(initial), draw(hostile_names(without=without))), marked, alphabet)

@@ -1,7 +1,7 @@
 """What each code means; `deshybrid explain CODE` prints it.
 
 Ranges: 01 file and syntax, 02 model, 03 traces and calls, 04 current-location observability and signatures,
-05 gains and certificates, 06 observer and detector, 07 simulation, 08 emission, 09 limits.
+05 gains and certificates, 06 observer and detector, 07 simulation, 08 emission, 09 limits, 10 files of other tools.
 The sections live in `explanations/`, one text a range, so that a part of the project owns its own codes.
 """
 

@@ -1,0 +1,13 @@
+M
+
+State size:
+1
+
+Marker states:
+0
+
+Vocal states:
+
+
+Transitions:
+0 a 0

@@ -1,0 +1,8 @@
+M
+
+State size:
+1
+
+Marker states:
+
+Vocal states:
