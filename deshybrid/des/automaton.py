@@ -96,6 +96,15 @@ class DES:
         if unknown:
             raise ModelError(*(diagnostic("DH0404", f"unknown location `{name}`", span) for span, name in unknown))
 
+    @property
+    def events(self) -> tuple[str, ...]:
+        """The events of the transitions, in the order of first appearance.
+
+        >>> DES.from_transitions([("1", "b", "2", None), ("2", "a", "1", None), ("1", "b", "1", None)]).events
+        ('b', 'a')
+        """
+        return tuple(dict.fromkeys(transition.event for transition in self.transitions))
+
     def __len__(self) -> int:
         return len(self.transitions)
 

@@ -11,17 +11,20 @@ Cost: linear in the states and joint transitions that are looked at; there are u
 Source: Cassandras and Lafortune (2021), section 2.3.2.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from itertools import product as combinations
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, TypeVar
 
 from deshybrid.des.automaton import DES, Transition
+from deshybrid.des.runs import Move, Plant, moves_from
 from deshybrid.des.search import find_first, labels_to
 from deshybrid.des.worklist import explore
 from deshybrid.diagnostics import UsageError, diagnostic
 
 State: TypeAlias = tuple[str, ...]
+Start = TypeVar("Start")
 Exits: TypeAlias = dict[str, dict[str, list[Transition]]]
 
 
@@ -68,9 +71,8 @@ class Composition:
 
     def successors(self) -> Callable[[State], Iterator[tuple[JointTransition, State]]]:
         """Return the function from a state to its joint transitions and where they lead; it is made once a search."""
-        events = self.events()
         exits = tuple(_exits(component) for component in self.components)
-        partners = {event: self._partners(event) for event in events}
+        partners = {event: self._partners(event) for event in self.events}
 
         def onwards(state: State) -> Iterator[tuple[JointTransition, State]]:
             here = [table[location] for table, location in zip(exits, state, strict=True)]
@@ -87,18 +89,19 @@ class Composition:
 
         return onwards
 
+    @property
     def events(self) -> tuple[str, ...]:
-        """Return the events that can happen, in the order of first appearance.
+        """The events that components have (all of them, in the product), in the order of first appearance.
 
         >>> one, two = (DES.from_transitions([("1", event, "1", None), ("1", "both", "1", None)]) for event in "ab")
-        >>> Composition((one, two)).events(), Composition((one, two), only_common=True).events()
+        >>> Composition((one, two)).events, Composition((one, two), only_common=True).events
         (('a', 'both', 'b'), ('both',))
         """
         seen = dict.fromkeys(t.event for component in self.components for t in component.transitions)
         return tuple(event for event in seen if not self.only_common or all(self._partners(event)))
 
     def find(
-        self, accept: Callable[[State], bool], *, max_states: int | None = None
+        self, accept: Callable[[State], bool], *, max_states: int | None = 1_000_000
     ) -> tuple[tuple[JointTransition, State], ...] | None:
         """Return a shortest run to a state that `accept` takes, as (joint transition, state after it); None: no run.
 
@@ -106,41 +109,84 @@ class Composition:
         Raises `LimitReached` (DH0901) beyond `max_states` states.
         """
         graph, goal = find_first(
-            self.initial, self.successors(), accept, limit=max_states, what="states of the composition"
+            _first(self.initial, max_states), self.successors(), accept, limit=max_states, what=_WHAT
         )
         if goal is None:
             return None
         reached = (graph.nodes[graph.arcs[arc][2]] for arc in graph.path_to(goal))
         return tuple(zip(labels_to(graph, goal), reached, strict=True))
 
-    def build(self, *, max_states: int | None = None, name: str = "composition") -> DES:
+    def build(self, *, max_states: int | None = 100_000, name: str = "composition") -> DES:
         """Return the accessible part as a `DES`; locations are named by the locations they consist of, joined by `.`.
 
         Raises `LimitReached` (DH0901) beyond `max_states` states, `UsageError` (DH0421) where two states would have the
         same name.
         """
-        graph = explore(self.initial, self.successors(), limit=max_states, what="states of the composition")
-        names = [".".join(state) for state in graph.nodes]
-        if len(set(names)) < len(names):
-            twice = next(label for number, label in enumerate(names) if label in names[:number])
-            raise UsageError(
-                diagnostic("DH0421", f"two states of the composition would be named `{twice}`", helps=(_RENAME,))
-            )
-        arcs = tuple(
-            Transition(names[source], joint.event, names[target], joint.outputs, joint.signature)
-            for source, joint, target in graph.arcs
+        plant = unfold(self)
+        graph = explore(
+            _first(plant.initial, max_states),
+            lambda location: ((move.transition, move.target) for move in plant.ways(location)),
+            limit=max_states,
+            what=_WHAT,
         )
-        starts = tuple(".".join(state) for state in self.initial)
-        return DES(tuple(names), arcs, starts, name)
+        return DES(graph.nodes, tuple(plant.transitions), tuple(plant.initial), name)
 
     def _partners(self, event: str) -> tuple[bool, ...]:
         return tuple(any(t.event == event for t in component.transitions) for component in self.components)
 
 
+_WHAT = "states of the composition"
 _RENAME = "rename locations so that none has a `.` in its name"
 
 
-def parallel(first: DES, *others: DES, max_states: int | None = None) -> DES:
+def unfold(system: DES | Composition) -> Plant:
+    """Return a system as on-the-fly questions see it; of a composition, transitions are known once they are met.
+
+    Locations of a composition are named by the locations they consist of, joined by `.`.  Raises `UsageError` (DH0421),
+    also later, where two states would have the same name.
+
+    >>> one = DES.from_transitions([("1", "a", "2", "α")], initial=["1"])
+    >>> plant = unfold(Composition((one, one)))
+    >>> plant.ways(next(iter(plant.initial))), str(plant.transitions[0])
+    ([Move(transition=0, seen=Output(gamma='α', signature=None), target='2.2')], '1.1 -a/α-> 2.2')
+    """
+    if isinstance(system, DES):
+        return Plant(system.initial, system.transitions, moves_from(system).__getitem__)
+    successors = system.successors()
+    states: dict[str, State] = {}
+    transitions: list[Transition] = []
+    known: dict[str, list[Move]] = {}
+
+    def named(state: State) -> str:
+        label = ".".join(state)
+        if states.setdefault(label, state) != state:
+            fault = f"two states of the composition would be named `{label}`"
+            raise UsageError(diagnostic("DH0421", fault, helps=(_RENAME,)))
+        return label
+
+    def ways(location: str) -> list[Move]:
+        if location not in known:
+            known[location] = []
+            for joint, target in successors(states[location]):
+                arc = Transition(location, joint.event, named(target), joint.outputs, joint.signature)
+                known[location] += (Move(len(transitions), seen, arc.target) for seen in dict.fromkeys(arc.seen))
+                transitions.append(arc)
+        return known[location]
+
+    return Plant(_Starts(lambda: map(named, system.initial)), transitions, ways)
+
+
+@dataclass(frozen=True, slots=True)
+class _Starts:
+    """The names of the initial states, as often as they are asked for: there may be too many to keep."""
+
+    names: Callable[[], Iterator[str]]
+
+    def __iter__(self) -> Iterator[str]:
+        return self.names()
+
+
+def parallel(first: DES, *others: DES, max_states: int | None = 100_000) -> DES:
     """Return the parallel composition: common events happen together, private ones alone; see `Composition`.
 
     Up to ∏|Q_i| locations, linear in what is built.  Source: Cassandras and Lafortune (2021), section 2.3.2.
@@ -154,7 +200,7 @@ def parallel(first: DES, *others: DES, max_states: int | None = None) -> DES:
     return Composition((first, *others)).build(max_states=max_states)
 
 
-def product(first: DES, *others: DES, max_states: int | None = None) -> DES:
+def product(first: DES, *others: DES, max_states: int | None = 100_000) -> DES:
     """Return the product: only events that all the systems have can happen, and all take part; see `Composition`.
 
     Cost, source and errors as for `parallel`.
@@ -165,6 +211,11 @@ def product(first: DES, *others: DES, max_states: int | None = None) -> DES:
     ['1.x -both/β-> 1.y']
     """
     return Composition((first, *others), only_common=True).build(max_states=max_states)
+
+
+def _first(starts: Iterable[Start], limit: int | None) -> Iterator[Start]:
+    """As many as the search needs to see that there are more than `limit`."""
+    return islice(starts, None if limit is None else limit + 1)
 
 
 def _exits(component: DES) -> Exits:
@@ -179,4 +230,4 @@ def _joined(parts: tuple[str | None, ...]) -> str | None:
     return "+".join(dict.fromkeys(part for part in parts if part is not None)) or None
 
 
-__all__ = ["Composition", "JointTransition", "parallel", "product"]
+__all__ = ["Composition", "JointTransition", "parallel", "product", "unfold"]

@@ -13,15 +13,15 @@ Source: Shu, Lin and Ying (2007); Shu and Lin (2011), the detector; Zhang (2017)
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, islice
 from typing import Any, Literal, TypeAlias
 
 from deshybrid.des.automaton import DES, Output
 from deshybrid.des.bitsets import is_single, members
+from deshybrid.des.composition import Composition, unfold
 from deshybrid.des.estimates import ClosedSets, closed_sets
 from deshybrid.des.lassos import Lasso, find_lasso
-from deshybrid.des.runs import moves_from
-from deshybrid.des.twins import TwinWitness, build_twins, twin_witness
+from deshybrid.des.twins import TwinMove, TwinWitness, search_twins, twin_witness
 from deshybrid.des.worklist import Graph, explore
 
 Kind: TypeAlias = Literal["strong", "weak", "strong periodic", "weak periodic"]
@@ -55,12 +55,12 @@ class DetectabilityReport:
     runs: TwinWitness | None = None
 
 
-def strong_detectability(des: DES, *, max_pairs: int | None = None) -> DetectabilityReport:
+def strong_detectability(system: DES | Composition, *, max_pairs: int | None = 2_000_000) -> DetectabilityReport:
     """Return whether, from some number of outputs on, every current estimate is one location, along every word.
 
-    Estimates after words that can have any length count, also where runs end soon after.  At most |Q|² pairs with
-    |δ|² moves.  Raises `LimitReached` (DH0901) beyond `max_pairs`.  Source: Shu, Lin and Ying (2007);
-    Shu and Lin (2011).
+    Estimates after words that can have any length count, also where runs end soon after.  At most |Q|² pairs, |δ|²
+    moves, of which a growing part is looked at until it holds a "no"; a composition is never built.
+    Raises `LimitReached` (DH0901) beyond `max_pairs`.  Source: Shu, Lin and Ying (2007); Shu and Lin (2011).
 
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", "β")])
     >>> strong_detectability(des).holds
@@ -73,22 +73,26 @@ def strong_detectability(des: DES, *, max_pairs: int | None = None) -> Detectabi
     1 -a-> 2 -b-> 1
     2 -b-> 1 -a-> 2
     """
-    ways = moves_from(des).__getitem__
-    roots = [(p, q) for number, p in enumerate(des.initial) for q in des.initial[number:]]
-    twins = build_twins(roots, ways, ways, limit=max_pairs)
-    lasso = find_lasso(
+    plant = unfold(system)
+    roots = ((p, q) for i, p in enumerate(plant.initial) for q in islice(plant.initial, i, None))
+    found = search_twins(roots, plant.ways, plant.ways, _lasting_doubt, limit=max_pairs)
+    if found is None:
+        return DetectabilityReport("strong", True)
+    twins, lasso = found
+    before, around, after = ([twins.arcs[arc][1] for arc in part] for part in lasso)
+    first = (lasso.before or lasso.around)[0]
+    runs = twin_witness(plant, twins.nodes[twins.arcs[first][0]], before, around, after)
+    start, stop = runs.repeated
+    word = WordLasso(runs.outputs[:start], runs.outputs[start:stop], runs.outputs[stop:])
+    return DetectabilityReport("strong", False, word, runs)
+
+
+def _lasting_doubt(twins: Graph[tuple[str, str], TwinMove]) -> Lasso | None:
+    return find_lasso(
         twins,
         through=lambda arc: twins.arcs[arc][1].output is not None,
         goal=lambda node: twins.nodes[node][0] != twins.nodes[node][1],
     )
-    if lasso is None:
-        return DetectabilityReport("strong", True)
-    before, around, after = ([twins.arcs[arc][1] for arc in part] for part in lasso)
-    first = (lasso.before or lasso.around)[0]
-    runs = twin_witness(des, twins.nodes[twins.arcs[first][0]], before, around, after)
-    start, stop = runs.repeated
-    word = WordLasso(runs.outputs[:start], runs.outputs[start:stop], runs.outputs[stop:])
-    return DetectabilityReport("strong", False, word, runs)
 
 
 def weak_detectability(des: DES, *, max_states: int | None = 100_000) -> DetectabilityReport:
@@ -106,7 +110,7 @@ def weak_detectability(des: DES, *, max_states: int | None = 100_000) -> Detecta
     return DetectabilityReport("weak", lasso is not None, _word(graph, lasso))
 
 
-def strong_periodic_detectability(des: DES, *, max_pairs: int | None = None) -> DetectabilityReport:
+def strong_periodic_detectability(des: DES, *, max_pairs: int | None = 2_000_000) -> DetectabilityReport:
     """Return whether, along every word without end, the current estimate is one location again and again.
 
     That is: no word can be continued for ever with only estimates of several locations.  At most |Q|² sets of two, by

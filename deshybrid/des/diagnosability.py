@@ -15,11 +15,12 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from deshybrid.des.automaton import DES, Output
+from deshybrid.des.composition import Composition, unfold
 from deshybrid.des.cycles import persistent_nodes
-from deshybrid.des.lassos import find_lasso
+from deshybrid.des.lassos import Lasso, find_lasso
 from deshybrid.des.runs import Move, known_events, moves_from, run_along
 from deshybrid.des.search import labels_to
-from deshybrid.des.twins import TwinMove, TwinWitness, build_twins, twin_witness
+from deshybrid.des.twins import TwinMove, TwinWitness, search_twins, twin_witness
 from deshybrid.des.worklist import Graph, explore
 
 Marked: TypeAlias = tuple[str, bool]
@@ -39,10 +40,13 @@ class FaultReport:
     witness: TwinWitness | None = None
 
 
-def diagnosability(des: DES, *, faults: Iterable[str], max_pairs: int | None = None) -> FaultReport:
+def diagnosability(
+    system: DES | Composition, *, faults: Iterable[str], max_pairs: int | None = 2_000_000
+) -> FaultReport:
     """Return whether every fault shows in the outputs, within a bounded number of events.
 
-    Silent events count as events, so a silent cycle after an unseen fault is a "no".  At most 2·|Q|² pairs, |δ|² moves.
+    Silent events count as events, so a silent cycle after an unseen fault is a "no".  At most 2·|Q|² pairs, |δ|² moves,
+    of which a growing part is looked at until it holds a "no"; a composition is never built.
     Raises `LimitReached` (DH0901) beyond `max_pairs`, `UsageError` (DH0420).
     Source: Jiang et al. (2001); Yoo and Lafortune (2002).
 
@@ -54,25 +58,33 @@ def diagnosability(des: DES, *, faults: Iterable[str], max_pairs: int | None = N
     >>> diagnosability(DES.from_transitions([*rows, ("3", "a", "3", "β")], initial=["1"]), faults=["b"]).holds
     False
     """
-    faulty, moves, sound = _moves(des, faults)
+    plant, bad = unfold(system), set(known_events(system, faults, "faults"))
 
     def left(state: Marked) -> Iterator[tuple[int, Output | None, Marked]]:
-        for number, seen, target in moves[state[0]]:
-            yield number, seen, (target, state[1] or faulty[number])
+        for number, seen, target in plant.ways(state[0]):
+            yield number, seen, (target, state[1] or plant.transitions[number].event in bad)
 
-    roots = (((p, False), q) for p in des.initial for q in des.initial)
-    twins = build_twins(roots, left, sound.__getitem__, limit=max_pairs)
-    lasso = find_lasso(
-        twins, within=lambda node: twins.nodes[node][0][1], through=lambda arc: twins.arcs[arc][1].left is not None
-    )
-    if lasso is None:
+    def right(location: str) -> Iterator[Move]:
+        return (move for move in plant.ways(location) if plant.transitions[move.transition].event not in bad)
+
+    roots = (((p, False), q) for p in plant.initial for q in plant.initial)
+    found = search_twins(roots, left, right, _unseen_fault, limit=max_pairs)
+    if found is None:
         return FaultReport(True)
+    twins, lasso = found
     (p, _), q = twins.nodes[twins.arcs[lasso.before[0]][0]]  # no run has a fault at once: there is a way
     before, around, _ = ([twins.arcs[arc][1] for arc in part] for part in lasso)
-    return FaultReport(False, twin_witness(des, (p, q), before, around))
+    return FaultReport(False, twin_witness(plant, (p, q), before, around))
 
 
-def predictability(des: DES, *, faults: Iterable[str], max_pairs: int | None = None) -> FaultReport:
+def _unseen_fault(twins: Graph[tuple[Marked, str], TwinMove]) -> Lasso | None:
+    """A cycle in which the left run has had a fault and goes on."""
+    return find_lasso(
+        twins, within=lambda node: twins.nodes[node][0][1], through=lambda arc: twins.arcs[arc][1].left is not None
+    )
+
+
+def predictability(des: DES, *, faults: Iterable[str], max_pairs: int | None = 2_000_000) -> FaultReport:
     """Return whether every fault can be predicted: before it comes, what was seen already means that one must come.
 
     At most |Q|² pairs, |δ|² moves.  Raises `LimitReached` (DH0901) beyond `max_pairs`, `UsageError` (DH0420).
@@ -88,14 +100,18 @@ def predictability(des: DES, *, faults: Iterable[str], max_pairs: int | None = N
     """
     faulty, moves, sound = _moves(des, faults)
     roots = ((p, q) for p in des.initial for q in des.initial)
-    twins = build_twins(roots, sound.__getitem__, sound.__getitem__, limit=max_pairs)
     lasting = _lasting(sound)
     threatened = {q for q, table in moves.items() if any(faulty[move.transition] for move in table)}
-    for number, (p, q) in enumerate(twins.nodes):
-        if p in threatened and q in lasting:
-            fault = next(move.transition for move in moves[p] if faulty[move.transition])
-            return FaultReport(False, _unforeseen(des, twins, number, fault, sound))
-    return FaultReport(True)
+
+    def unforeseen(twins: Graph[tuple[str, str], TwinMove]) -> int | None:
+        return next((n for n, (p, q) in enumerate(twins.nodes) if p in threatened and q in lasting), None)
+
+    found = search_twins(roots, sound.__getitem__, sound.__getitem__, unforeseen, limit=max_pairs)
+    if found is None:
+        return FaultReport(True)
+    twins, pair = found
+    fault = next(move.transition for move in moves[twins.nodes[pair][0]] if faulty[move.transition])
+    return FaultReport(False, _unforeseen(des, twins, pair, fault, sound))
 
 
 def _moves(des: DES, faults: Iterable[str]) -> tuple[list[bool], Moves, Moves]:

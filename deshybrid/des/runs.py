@@ -4,10 +4,10 @@ In: a `DES`.  Out: its moves by location, runs as steps, and a shortest run that
 Cost: linear in locations plus transitions, times the number of outputs for a run that shows them.
 """
 
-from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import NamedTuple, Protocol
 
-from deshybrid.des.automaton import DES, Output
+from deshybrid.des.automaton import DES, Output, Transition
 from deshybrid.des.search import find_first, labels_to
 from deshybrid.des.witness import Step
 from deshybrid.diagnostics import UsageError, diagnostic
@@ -19,6 +19,30 @@ class Move(NamedTuple):
     transition: int
     seen: Output | None
     target: str
+
+
+class Plant(NamedTuple):
+    """A system as a search sees it: `transitions` may grow while `ways` asks for the moves out of more locations."""
+
+    initial: Iterable[str]
+    transitions: Sequence[Transition]
+    ways: Callable[[str], Sequence[Move]]
+
+
+class HasEvents(Protocol):
+    """What events are named of: a `DES` or a `Composition`."""
+
+    @property
+    def events(self) -> tuple[str, ...]:
+        """The events, in the order of first appearance."""
+
+
+class HasTransitions(Protocol):
+    """What runs are read off: a `DES` or a `Plant`."""
+
+    @property
+    def transitions(self) -> Sequence[Transition]:
+        """Transition number i is the one at place i."""
 
 
 def moves_from(des: DES) -> dict[str, list[Move]]:
@@ -34,7 +58,7 @@ def moves_from(des: DES) -> dict[str, list[Move]]:
     return moves
 
 
-def run_along(des: DES, start: str, transitions: Iterable[int]) -> tuple[Step, ...]:
+def run_along(des: HasTransitions, start: str, transitions: Iterable[int]) -> tuple[Step, ...]:
     """Return the run from `start` that takes the transitions of these numbers.
 
     >>> run_along(DES.from_transitions([("1", "a", "2", "α")]), "1", [0])
@@ -86,13 +110,13 @@ def known_locations(des: DES, names: Iterable[str], what: str) -> tuple[str, ...
     return _known(names, des.locations, "DH0404", "location", what)
 
 
-def known_events(des: DES, names: Iterable[str], what: str) -> tuple[str, ...]:
+def known_events(system: HasEvents, names: Iterable[str], what: str) -> tuple[str, ...]:
     """Return `names`; raises `UsageError` (DH0420) where no transition has such an event; `what` is the argument.
 
     >>> known_events(DES.from_transitions([("1", "a", "2", "α")]), ["a"], "faults")
     ('a',)
     """
-    return _known(names, (transition.event for transition in des.transitions), "DH0420", "event", what)
+    return _known(names, system.events, "DH0420", "event", what)
 
 
 def _known(names: Iterable[str], existing: Iterable[str], code: str, kind: str, what: str) -> tuple[str, ...]:
@@ -105,4 +129,14 @@ def _known(names: Iterable[str], existing: Iterable[str], code: str, kind: str, 
     return given
 
 
-__all__ = ["Move", "known_events", "known_locations", "moves_from", "run_along", "shortest_run"]
+__all__ = [
+    "HasEvents",
+    "HasTransitions",
+    "Move",
+    "Plant",
+    "known_events",
+    "known_locations",
+    "moves_from",
+    "run_along",
+    "shortest_run",
+]

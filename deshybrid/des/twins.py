@@ -11,17 +11,19 @@ Source: Jiang, Huang, Chandra and Kumar (2001); Yoo and Lafortune (2002).
 
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, islice
 from typing import NamedTuple, TypeAlias, TypeVar
 
-from deshybrid.des.automaton import DES, Output
-from deshybrid.des.runs import run_along
+from deshybrid.des.automaton import Output
+from deshybrid.des.runs import HasTransitions, run_along
+from deshybrid.des.search import explore_until
 from deshybrid.des.witness import Step
-from deshybrid.des.worklist import Graph, explore
+from deshybrid.des.worklist import Graph
 
 L = TypeVar("L", bound=Hashable)
 R = TypeVar("R", bound=Hashable)
 S = TypeVar("S")
+Found = TypeVar("Found")
 Ways: TypeAlias = Callable[[S], Iterable[tuple[int, Output | None, S]]]
 
 
@@ -52,18 +54,24 @@ class TwinWitness:
         return "\n".join(lines)
 
 
-def build_twins(
-    roots: Iterable[tuple[L, R]], left: Ways[L], right: Ways[R], *, limit: int | None = None
-) -> Graph[tuple[L, R], TwinMove]:
-    """Return the twin plant of what the left and the right run may do, from pairs of start states.
+def search_twins(
+    roots: Iterable[tuple[L, R]],
+    left: Ways[L],
+    right: Ways[R],
+    seek: Callable[[Graph[tuple[L, R], TwinMove]], Found | None],
+    *,
+    limit: int | None = None,
+) -> tuple[Graph[tuple[L, R], TwinMove], Found] | None:
+    """Return the first part of the twin plant in which `seek` finds something, and that; None where there is nothing.
 
+    `left` and `right` say what the two runs may do, `roots` where they start; parts grow as in `explore_until`.
     Raises `LimitReached` (DH0901) beyond `limit` pairs.
 
     >>> from deshybrid.des.automaton import DES
     >>> from deshybrid.des.runs import moves_from
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("1", "b", "3", "α"), ("3", "c", "4", None)], initial=["1"])
     >>> ways = moves_from(des).__getitem__
-    >>> ("2", "4") in build_twins([("1", "1")], ways, ways).nodes
+    >>> search_twins([("1", "1")], ways, ways, lambda graph: ("2", "4") in graph.nodes)[1]
     True
     """
 
@@ -81,11 +89,12 @@ def build_twins(
                     if same == output:
                         yield TwinMove(number, partner, output), (target, other)
 
-    return explore(roots, onwards, limit=limit, what="pairs of states")
+    starts = islice(roots, None if limit is None else limit + 1)  # more would be over the limit anyway
+    return explore_until(starts, onwards, seek, limit=limit, what="pairs of states")
 
 
 def twin_witness(
-    des: DES,
+    system: HasTransitions,
     starts: tuple[str, str],
     before: Iterable[TwinMove],
     around: Iterable[TwinMove],
@@ -93,6 +102,7 @@ def twin_witness(
 ) -> TwinWitness:
     """Return the two runs along twin moves that start in the locations `starts`; `around` is the part to repeat.
 
+    >>> from deshybrid.des.automaton import DES
     >>> des = DES.from_transitions([("1", "a", "1", "α"), ("1", "b", "2", None)], initial=["1"])
     >>> print(twin_witness(des, ("1", "1"), [], [TwinMove(0, 0, "α")], [TwinMove(1, None, None)]))
     outputs: α
@@ -104,7 +114,7 @@ def twin_witness(
     for side in (0, 1):
         numbers = [[move.right if side else move.left for move in part] for part in parts]
         taken = [[number for number in part if number is not None] for part in numbers]
-        runs.append(run_along(des, starts[side], chain.from_iterable(taken)))
+        runs.append(run_along(system, starts[side], chain.from_iterable(taken)))
         cycles.append((len(taken[0]), len(taken[0]) + len(taken[1])))
     shown = [[str(move.output) for move in part if move.output is not None] for part in parts]
     return TwinWitness(
@@ -115,4 +125,4 @@ def twin_witness(
     )
 
 
-__all__ = ["TwinMove", "TwinWitness", "Ways", "build_twins", "twin_witness"]
+__all__ = ["TwinMove", "TwinWitness", "Ways", "search_twins", "twin_witness"]
