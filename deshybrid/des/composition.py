@@ -19,7 +19,7 @@ from typing import NamedTuple, TypeAlias, TypeVar
 
 from deshybrid.des.automaton import DES, Transition
 from deshybrid.des.runs import Move, Plant, moves_from
-from deshybrid.des.search import find_first, labels_to
+from deshybrid.des.search import find_first
 from deshybrid.des.worklist import explore
 from deshybrid.diagnostics import UsageError, diagnostic
 
@@ -50,6 +50,21 @@ class JointTransition(NamedTuple):
         return tuple(here if part is None else part.target for here, part in zip(state, self.parts, strict=True))
 
 
+class JointRun(NamedTuple):
+    """A run of a composition: the state it starts in, then each joint transition with the state after it."""
+
+    start: State
+    steps: tuple[tuple[JointTransition, State], ...]
+
+    @property
+    def end(self) -> State:
+        """The last state."""
+        return self.steps[-1][1] if self.steps else self.start
+
+    def __str__(self) -> str:
+        return ".".join(self.start) + "".join(f" -{joint.event}-> {'.'.join(state)}" for joint, state in self.steps)
+
+
 @dataclass(frozen=True, slots=True)
 class Composition:
     """Components that run together; `only_common` makes it the product, in which all take part in every event.
@@ -57,8 +72,8 @@ class Composition:
     >>> switch = DES.from_transitions([("off", "turn", "on", "click"), ("on", "turn", "off", "click")], initial=["off"])
     >>> lamp = DES.from_transitions([("dark", "turn", "lit", None), ("lit", "break", "dark", None)], initial=["dark"])
     >>> plant = Composition((switch, lamp))
-    >>> [step.event for step, _ in plant.find(lambda state: state == ("on", "dark"))]
-    ['turn', 'break']
+    >>> print(plant.find(lambda state: state == ("on", "dark")))
+    off.dark -turn-> on.lit -break-> on.dark
     """
 
     components: tuple[DES, ...]
@@ -100,12 +115,10 @@ class Composition:
         seen = dict.fromkeys(t.event for component in self.components for t in component.transitions)
         return tuple(event for event in seen if not self.only_common or all(self._partners(event)))
 
-    def find(
-        self, accept: Callable[[State], bool], *, max_states: int | None = 1_000_000
-    ) -> tuple[tuple[JointTransition, State], ...] | None:
-        """Return a shortest run to a state that `accept` takes, as (joint transition, state after it); None: no run.
+    def find(self, accept: Callable[[State], bool], *, max_states: int | None = 1_000_000) -> JointRun | None:
+        """Return a shortest run to a state that `accept` takes, None where there is none.
 
-        Looks only at states that are nearer than the goal.  A goal among the initial states gives the empty run.
+        Looks only at states that are nearer than the goal.  A goal among the initial states gives a run without steps.
         Raises `LimitReached` (DH0901) beyond `max_states` states.
         """
         graph, goal = find_first(
@@ -113,8 +126,9 @@ class Composition:
         )
         if goal is None:
             return None
-        reached = (graph.nodes[graph.arcs[arc][2]] for arc in graph.path_to(goal))
-        return tuple(zip(labels_to(graph, goal), reached, strict=True))
+        path = [graph.arcs[arc] for arc in graph.path_to(goal)]
+        start = graph.nodes[path[0][0] if path else goal]
+        return JointRun(start, tuple((joint, graph.nodes[target]) for _, joint, target in path))
 
     def build(self, *, max_states: int | None = 100_000, name: str = "composition") -> DES:
         """Return the accessible part as a `DES`; locations are named by the locations they consist of, joined by `.`.
@@ -230,4 +244,4 @@ def _joined(parts: tuple[str | None, ...]) -> str | None:
     return "+".join(dict.fromkeys(part for part in parts if part is not None)) or None
 
 
-__all__ = ["Composition", "JointTransition", "parallel", "product", "unfold"]
+__all__ = ["Composition", "JointRun", "JointTransition", "parallel", "product", "unfold"]

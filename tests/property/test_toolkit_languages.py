@@ -126,6 +126,13 @@ def test_compositions_reach_the_states_and_arcs_of_the_full_product() -> None:
             goal = tuple(rng.choice(part.locations) for part in parts)
             run = plant.find(lambda state, goal=goal: state == goal)
             assert (run is None) == (goal not in reached)
+            if run is not None:
+                states = [run.start, *(state for _, state in run.steps)]
+                taken = {
+                    (before, joint.event, after) for before, (joint, after) in zip(states, run.steps, strict=False)
+                }
+                assert taken <= set(arcs)
+                assert (run.start in set(plant.initial), run.end) == (True, goal)
 
 
 def test_parallel_composition_of_projections_shows_what_both_permit() -> None:

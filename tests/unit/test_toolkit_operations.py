@@ -83,8 +83,9 @@ def test_a_goal_in_a_plant_of_two_billion_states_is_found_without_building_it() 
     plant = Composition(tuple(ring(number) for number in range(12)))
     run = plant.find(lambda state: state[:3] == ("1", "2", "1"), max_states=20_000)
     assert run is not None
-    assert len(run) == 4
-    assert run[-1][1][:3] == ("1", "2", "1")
+    assert len(run.steps) == 4
+    assert run.start == ("0",) * 12
+    assert run.end[:3] == ("1", "2", "1")
 
 
 def test_a_search_beyond_its_limit_ends_with_what_was_found() -> None:
