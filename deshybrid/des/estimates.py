@@ -22,7 +22,7 @@ from deshybrid.des.worklist import explore
 class ClosedSets:
     """The observer of closed estimates, unfolded on demand: `initial` and `successors` over bit masks of locations.
 
-    `moves[q]` says which closed set each output leads to from location number q, in the order of `outputs`.
+    `closures[q]` is location number q with all that follows it silently; `moves[q]` says which closed set each output leads to from location number q, in the order of `outputs`.
     """
 
     des: DES
@@ -42,10 +42,6 @@ class ClosedSets:
     def after(self, mask: int, output: Output | str) -> int:
         """Return the closed set that an output leads to, as value or as text; the empty set where it cannot be seen."""
         return next((found for seen, found in self.successors(mask) if str(seen) == str(output)), 0)
-
-    def closure(self, mask: int) -> int:
-        """Return a set with everything that follows it silently."""
-        return union(self.closures[location] for location in members(mask))
 
     def names(self, mask: int) -> tuple[str, ...]:
         """Return the names in a set, in order of declaration."""

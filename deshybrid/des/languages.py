@@ -96,9 +96,9 @@ def determinise(
 def minimise(automaton: DeterministicAutomaton) -> DeterministicAutomaton:
     """Return the deterministic automaton with the fewest states that accepts the same words.
 
-    States from which nothing is accepted are dropped (the initial one stays), and so is what cannot be reached; states
-    are numbered by breadth-first search, so automata of equal languages get equal transitions where the outputs have
-    one order.  At most n rounds over all transitions.  Source: Moore (1956); Hopcroft et al. (2006), section 4.4.
+    States from which nothing is accepted are dropped (the initial one stays), and so is what cannot be reached.  States
+    are numbered by breadth-first search, outputs by their text, so that equal languages give equal `transitions` and
+    `accepting`.  At most n rounds over all transitions.  Source: Moore (1956); Hopcroft et al. (2006), section 4.4.
 
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "a", "1", "α"), ("1", "b", "3", None)], initial=["1"])
     >>> len(determinise(des).states), len(minimise(determinise(des)).states)

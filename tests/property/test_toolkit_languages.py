@@ -100,6 +100,9 @@ def test_inclusion_and_equivalence_agree_with_subsets_and_give_a_shortest_word()
                 for des, mark in ((first, marks[0]), (second, marks[1]))
             ]
             assert ends == [same.missing_from == "second", same.missing_from == "first"]
+        one, two = (minimise(determinise(des, marked=mark)) for des, mark in zip((first, second), marks, strict=True))
+        alike = (one.transitions, one.accepting) == (two.transitions, two.accepting)
+        assert alike == same.holds
         kinds[f"included {report.holds}, equal {same.holds}"] += 1
     assert len(kinds) == 3
     assert min(kinds.values()) >= 30, kinds
