@@ -22,7 +22,8 @@ from deshybrid.des.worklist import explore
 class ClosedSets:
     """The observer of closed estimates, unfolded on demand: `initial` and `successors` over bit masks of locations.
 
-    `closures[q]` is location number q with all that follows it silently; `moves[q]` says which closed set each output leads to from location number q, in the order of `outputs`.
+    `closures[q]` is location number q with all that follows it silently; `moves[q]` says which closed set each output
+    leads to from location number q, in the order of `outputs`.
     """
 
     des: DES
