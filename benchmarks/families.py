@@ -86,10 +86,11 @@ def _output(draw: random.Random, outputs: int, silent: float) -> str | None:
 
 FAMILIES: dict[str, Callable[[], DES]] = {
     "sparse 1,000": lambda: sparse(1_000),
-    "dense 100": lambda: dense(100),
+    "dense 100": lambda: dense(100, branching=8, outputs=20),
     "14th from the end": lambda: from_the_end(14),
     "16th from the end": lambda: from_the_end(16),
     "silent 3,000": lambda: sparse(3_000, silent=0.4),
+    "mostly silent 1,500": lambda: sparse(1_500, branching=3, silent=0.8),
     "ring 3,000": lambda: ring(3_000, outputs=3),
     "line 1,000": lambda: line(1_000),
 }

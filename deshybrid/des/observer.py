@@ -60,11 +60,10 @@ def build_location_observer(
     persistent = persistent_nodes(graph)
     if extra:  # the states known so far go first and keep their numbers
         graph = explore([*graph.nodes, *extra], moves.successors, limit=max_states, what="observer states")
-    outputs = automaton.outputs
     return LocationObserver(
         states=tuple(_names(moves, des, subset) for subset in graph.nodes),
         initial=0,
-        transitions=tuple((source, outputs[output], target) for source, output, target in graph.arcs),
+        transitions=graph.arcs,
         persistent=tuple(persistent),
         automaton=automaton,
     )
@@ -82,12 +81,13 @@ def entry_estimates(automaton: OutputAutomaton, outputs: Iterable[Output | str])
     (('1', '2'), ('2',), ('1',), ())
     """
     des, moves = automaton.des, automaton.subsets
-    number = {str(output): index for index, output in enumerate(automaton.outputs)}
+    by_text = {str(output): output for output in automaton.outputs}
     nothing = moves.subset(())
     subset = _subset(moves, des, des.initial)
     subsets = [subset]
     for output in outputs:
-        subset = dict(moves.successors(subset)).get(number.get(str(output), -1), nothing)
+        seen = by_text.get(str(output))
+        subset = nothing if seen is None else dict(moves.successors(subset)).get(seen, nothing)
         subsets.append(subset)
     return tuple(_names(moves, des, subset) for subset in subsets)
 

@@ -55,8 +55,8 @@ class SubsetMoves(ABC, Generic[Subset]):
         """Return the numbers of the locations in a set, in ascending order."""
 
     @abstractmethod
-    def successors(self, subset: Subset) -> list[tuple[int, Subset]]:
-        """Return the (output number, set entered) moves of a set, outputs ascending, no set empty."""
+    def successors(self, subset: Subset) -> list[tuple[Output, Subset]]:
+        """Return the (output, set entered) moves of a set, in the order of `outputs`, no set empty."""
 
     def closure(self, locations: Iterable[int]) -> Iterable[int]:
         """Return `locations` and all that they lead to silently."""
@@ -86,17 +86,16 @@ class _Masks(SubsetMoves[int]):
     def members(self, subset: int) -> Iterable[int]:
         return members(subset)
 
-    def successors(self, subset: int) -> list[tuple[int, int]]:
+    def successors(self, subset: int) -> list[tuple[Output, int]]:
         joined = 0
         for index, byte in enumerate(subset.to_bytes(len(self.known), "little")):
             if byte:
                 joined |= self.known[index].get(byte) or self._moves_of(index, byte)
-        arcs, full, output = [], (1 << self.size) - 1, 0
-        while joined:
+        arcs, full = [], (1 << self.size) - 1
+        for output in self.outputs:
             if entered := joined & full:
                 arcs.append((output, entered))
             joined >>= self.size
-            output += 1
         return arcs
 
     def _moves_of(self, index: int, byte: int) -> int:
@@ -115,14 +114,14 @@ class _Tuples(SubsetMoves[tuple[int, ...]]):
     def members(self, subset: tuple[int, ...]) -> Iterable[int]:
         return subset
 
-    def successors(self, subset: tuple[int, ...]) -> list[tuple[int, tuple[int, ...]]]:
+    def successors(self, subset: tuple[int, ...]) -> list[tuple[Output, tuple[int, ...]]]:
         moves: list[int] = sorted(set[int]().union(*map(self.visible.__getitem__, self.closure(subset))))
         arcs, start = [], 0
         while start < len(moves):
             output = moves[start] // self.size
             base = output * self.size
             stop = bisect_left(moves, base + self.size, start)
-            arcs.append((output, tuple([move - base for move in moves[start:stop]])))
+            arcs.append((self.outputs[output], tuple([move - base for move in moves[start:stop]])))
             start = stop
         return arcs
 
@@ -132,8 +131,8 @@ def subset_moves(des: DES, outputs: tuple[Output, ...]) -> SubsetMoves[Any]:
 
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", None), ("1", "b", "1", "β")])
     >>> moves = subset_moves(des, (Output("α"), Output("β")))
-    >>> [(output, list(moves.members(entered))) for output, entered in moves.successors(moves.subset([1]))]
-    [(0, [1]), (1, [0])]
+    >>> [(str(output), list(moves.members(entered))) for output, entered in moves.successors(moves.subset([1]))]
+    [('α', [1]), ('β', [0])]
     """
     wide = len(des.locations) * len(outputs)
     return _Masks(des, outputs) if wide <= _WIDE else _Tuples(des, outputs)

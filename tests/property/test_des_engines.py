@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.families import from_the_end, observable_from_the_end, observable_sparse, ring, sparse
 from deshybrid.des import moves, pairs, subsets, witness
-from deshybrid.des.automaton import DES
+from deshybrid.des.automaton import DES, Output
 from deshybrid.des.epsilon import eliminate_epsilon
 from deshybrid.des.observability import check_observability
 from deshybrid.des.pairs import PersistentPairs, persistent_pairs
@@ -74,7 +74,7 @@ def test_bit_masks_and_tuples_give_the_same_observer() -> None:
         assert observer_arcs(subsets._Masks, des) == observer_arcs(subsets._Tuples, des)
 
 
-def observer_arcs(kind: type[subsets.SubsetMoves], des: DES) -> list[tuple[list[int], int, list[int]]]:
+def observer_arcs(kind: type[subsets.SubsetMoves], des: DES) -> list[tuple[list[int], Output, list[int]]]:
     steps = kind(des, eliminate_epsilon(des).outputs)
     graph = explore([steps.subset(range(len(des.locations)))], steps.successors)
     sets = [list(steps.members(node)) for node in graph.nodes]
