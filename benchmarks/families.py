@@ -90,7 +90,7 @@ FAMILIES: dict[str, Callable[[], DES]] = {
     "14th from the end": lambda: from_the_end(14),
     "16th from the end": lambda: from_the_end(16),
     "silent 3,000": lambda: sparse(3_000, silent=0.4),
-    "mostly silent 1,500": lambda: sparse(1_500, branching=3, silent=0.8),
+    "mostly silent 400": lambda: sparse(400, branching=3, silent=0.8),
     "ring 3,000": lambda: ring(3_000, outputs=3),
     "line 1,000": lambda: line(1_000),
 }
