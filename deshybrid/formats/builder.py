@@ -14,7 +14,7 @@ from typing import NamedTuple
 from deshybrid.des.automaton import DES, Transition
 from deshybrid.diagnostics import Diagnostic, FormatError, SourceText, Span, diagnostic
 from deshybrid.formats.document import Document, Event, reason_against
-from deshybrid.model.problems import Problems, did_you_mean
+from deshybrid.model.problems import MOST_MESSAGES, Problems, did_you_mean
 
 MOST_WORDS = 2_000_000
 
@@ -93,6 +93,11 @@ class Builder:
         """Keep a mistake that does not end the reading."""
         self.problems.add(diagnostic(code, message, span, label, helps=helps))
 
+    def unknown(self, what: str, word: Word, known: Iterable[str]) -> None:
+        """Report DH1005 with the nearest known name; beyond what is listed, nearness is not computed."""
+        helps = did_you_mean(word.text, known) if len(self.problems.found) < MOST_MESSAGES else ()
+        self.report("DH1005", f"unknown {what} `{word.text[:100]}`", word.span, "", *helps)
+
     def usable(self, word: Word, what: str) -> None:
         """Report DH1015 where a word cannot be a name."""
         if word.text in self._usable:
@@ -157,8 +162,7 @@ class Builder:
     def _check_known(self, words: Iterable[Word]) -> None:
         for word in words:
             if word.text not in self.locations:
-                helps = did_you_mean(word.text, self.locations)
-                self.report("DH1005", f"unknown location `{word.text[:100]}`", word.span, "", *helps)
+                self.unknown("location", word, self.locations)
 
 
 def stem(source: SourceText) -> str:

@@ -188,8 +188,7 @@ def _read_transitions(sections: dict[str, list[Word]], builder: Builder) -> None
             builder.mention(source)
             builder.mention(target)
         if event.text not in builder.events:
-            helps = did_you_mean(event.text, builder.events)
-            builder.report("DH1005", f"unknown event `{event.text[:100]}`", event.span, "", *helps)
+            builder.unknown("event", event, builder.events)
             continue
         visible = builder.events[event.text][0].observable
         builder.arc(source, event, target, event.text if visible else None)

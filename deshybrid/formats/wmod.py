@@ -111,7 +111,7 @@ def _read_node(node: Element, propositions: set[str], builder: Builder) -> None:
     for part in _children(node, ("EventList",), builder):
         for proposition in _identifiers(part, builder):
             if proposition.text not in propositions | {_ACCEPTING}:
-                builder.report("DH1005", f"unknown proposition `{proposition.text[:100]}`", proposition.span)
+                builder.unknown("proposition", proposition, propositions)
             elif proposition.text == _ACCEPTING:
                 builder.marked[name.text] = name
 
@@ -120,8 +120,7 @@ def _read_edge(edge: Element, builder: Builder) -> None:
     for block in _children(edge, ("LabelBlock",), builder):
         for event in _identifiers(block, builder):
             if event.text not in builder.events:
-                helps = did_you_mean(event.text, builder.events)
-                builder.report("DH1005", f"unknown event `{event.text[:100]}`", event.span, "", *helps)
+                builder.unknown("event", event, builder.events)
                 continue
             visible = builder.events[event.text][0].observable
             builder.arc(edge.required("Source"), event, edge.required("Target"), event.text if visible else None)

@@ -74,3 +74,13 @@ def test_unknown_formats_are_named_with_the_known_ones() -> None:
             read_file(path, name)
         assert caught.value.diagnostics[0].code == "DH1001"
         assert "`gen`" in caught.value.diagnostics[0].helps[0]
+
+
+def test_thousands_of_mistakes_are_refused_with_the_first_fifty(tmp_path: Path) -> None:
+    count = 3_000
+    path = tmp_path / "wrong.fsm"
+    path.write_text(f"{count}\n" + "".join(f"\ns{number} 0 1\na t{number}\n" for number in range(count)))
+    with pytest.raises(InputError) as caught:
+        read_file(path)
+    assert [found.code for found in caught.value.diagnostics] == ["DH1005"] * 50
+    assert caught.value.diagnostics[-1].notes == (f"{count - 50} more mistakes were found and are not listed",)
