@@ -4,20 +4,15 @@ Exit codes: 0 done and the answer is yes, 1 done and the answer is no, 2 the inp
 limit was reached.  Never a traceback on input.  A command imports what it needs when it runs: the start stays light.
 """
 
-import io
-import os
-import signal
 import sys
-import threading
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
-from types import FrameType
 from typing import Annotated, Literal, NoReturn
 
 import typer
 
+from deshybrid.console import open_missing_streams, working
 from deshybrid.diagnostics import (
     DeshybridError,
     Diagnostic,
@@ -85,7 +80,7 @@ def _entry(
 
 def main() -> None:
     """Run the command line; every error the user can cause ends in a message and an exit code."""
-    _open_missing_streams()
+    open_missing_streams()
     try:
         app()
     except LimitReached as error:
@@ -100,15 +95,6 @@ def main() -> None:
     except OSError as error:
         _say([diagnostic("DH0805", f"cannot read or write: {error.strerror}")])
         sys.exit(WRONG)
-
-
-def _open_missing_streams() -> None:
-    """A closed standard stream is None in Python; an empty one says the same without a traceback."""
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115 - lives as long as the process
-    if isinstance(sys.stderr, io.TextIOWrapper):
-        sys.stderr.reconfigure(errors="backslashreplace")
 
 
 def _say(diagnostics: Iterable[Diagnostic]) -> None:
@@ -127,39 +113,6 @@ def _write(output: Path | None, text: str | bytes) -> None:
     write_result(output, text.encode(errors="backslashreplace") if isinstance(text, str) else text)
 
 
-@contextmanager
-def _working(on: str, timeout: float | None = None) -> Iterator[None]:
-    """Show after a second that work goes on, where a terminal looks on; turn a time limit into `LimitReached`."""
-    done = threading.Event()
-    watcher = threading.Thread(target=_spin, args=(on, done), daemon=True)
-    if sys.stderr.isatty():
-        watcher.start()
-    before = signal.signal(signal.SIGALRM, _expire)
-    signal.setitimer(signal.ITIMER_REAL, timeout or 0)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
-        done.set()
-        if watcher.is_alive():
-            watcher.join()
-
-
-def _expire(_number: int, _frame: FrameType | None) -> NoReturn:
-    helps = ("allow more time with `--timeout`",)
-    raise LimitReached(diagnostic("DH0903", "the time limit was reached, so the question stays undecided", helps=helps))
-
-
-def _spin(on: str, done: threading.Event) -> None:
-    if done.wait(1.0):
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status(on):
-        done.wait()
-
-
 @app.command()
 def check(
     model: Model,
@@ -174,7 +127,7 @@ def check(
     from deshybrid.des.verdicts import verdict_diagnostics
     from deshybrid.emit.records import check_record, to_json
 
-    with _working("checking", timeout):
+    with working("checking", timeout):
         report = compiler.check(model, method=method, max_states=max_states)
     _write(output, to_json(check_record(report)) if as_json else f"{report}\n")
     _say(verdict_diagnostics(report))
@@ -193,7 +146,7 @@ def recover(
     from deshybrid import compiler
     from deshybrid.emit.records import recover_record, to_json
 
-    with _working("looking for the cheapest signatures", timeout):
+    with working("looking for the cheapest signatures", timeout):
         recovery = compiler.recover(model, max_states=max_states)
     record = recover_record(recovery.plan, recovery.feasibility)
     _write(output, to_json(record) if as_json else f"{recovery}\n")
@@ -216,7 +169,7 @@ def design(
     from deshybrid import compiler
     from deshybrid.emit.records import to_json
 
-    with _working("designing", timeout):
+    with working("designing", timeout):
         made = compiler.design(model, rate=rate, dwell=dwell, step=step, method=method)
     _write(output, to_json(made.document()) if as_json else f"{made}\n")
     _say((*made.recovery.diagnostics, *made.problems))
@@ -248,7 +201,7 @@ def compile_model(
         raise UsageError(diagnostic("DH0805", "`-o` names no folder"))
     folder = Path(output)
     wishes = bundle.Wishes(tuple(target or ("c", "python")), real, prefix)
-    with _working("compiling", timeout):
+    with working("compiling", timeout):
         made = compiler.compile(model, rate=rate, dwell=dwell, step=step, max_states=max_states)
         files = bundle.files(made, wishes)
     write_tree(folder, files)
@@ -278,7 +231,7 @@ def run(
     from deshybrid.simulate.score import score
     from deshybrid.simulate.trace import read_trace
 
-    with _working("running"):
+    with working("running"):
         made = compiler.compile(model, rate=rate, dwell=dwell, step=step)
         if made.observer is None:
             _say(made.diagnostics)
@@ -306,7 +259,7 @@ def simulate(
     from deshybrid.simulate.execution import simulate as execute
     from deshybrid.simulate.trace import write_trace
 
-    with _working("simulating", timeout):
+    with working("simulating", timeout):
         execution = execute(compiler.to_hybrid(model), seed=seed, duration=duration, step=step)
     _write(output, write_trace(execution.trace))
     if execution.stop is not None:
@@ -327,7 +280,7 @@ def draw(
     from deshybrid import bundle
 
     chosen = kind or bundle.format_of(output)
-    with _working("drawing", timeout):
+    with working("drawing", timeout):
         picture = bundle.drawing(model, what, chosen, max_states=max_states)
     _write(output, picture)
 
@@ -362,7 +315,7 @@ def verify(
     from deshybrid.emit.records import to_json
     from deshybrid.verify import read_design, verify_design
 
-    with _working("verifying"):
+    with working("verifying"):
         result = verify_design(read_design(design_file))
     _write(output, to_json(result.record()) if as_json else f"{result}\n")
     _finish(result.holds)
