@@ -16,12 +16,9 @@ Source: Balluchi et al. (2012), (20) and the appendix; LDLᵀ over the rationals
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil
-from typing import NamedTuple
 
-from deshybrid.linear.design_file import Claim, Plant, Summary, read_claims, read_design, read_plant, read_summary
 from deshybrid.linear.exact import (
     Rational,
     combined,
@@ -33,68 +30,14 @@ from deshybrid.linear.exact import (
     transposed,
 )
 from deshybrid.linear.exact_sampling import is_difference, is_sampled_form
+from deshybrid.verify.design_file import Claim, Plant, Summary, read_claims, read_plant, read_summary
+from deshybrid.verify.report import Check, VerifyReport
 
 PART_OF_A_STEP = Fraction(1, 10**6)
 PROPOSED = Fraction(1, 10**10)
 SPECTRUM = Fraction(1, 10**6)
 """Eigenvalues agree with A - G C if their sums of powers do to this share; no certificate rests on them."""
-UNCHECKED = ("the model itself", "`condition`", "`ultimate_bound`", "`dwell_lower_limit`", "`detection_delay`")
-"""What a report says is not checked: also that no reset or location of the model is missing in the file."""
 THEOREMS = ("B12-6", "B12-7", "B12-6-sampled", "B12-7-sampled")
-
-
-class Check(NamedTuple):
-    """One inequality: the certificate and location it belongs to, what it says, and whether it was proved."""
-
-    certificate: str
-    location: str
-    inequality: str
-    proved: bool
-
-
-@dataclass(frozen=True, slots=True)
-class VerifyReport:
-    """What was proved.  `silent`: certificates that do not claim to hold, of which nothing was checked.
-
-    `unchecked`: what else the file says and is not checked here.
-
-    `holds`: at least one certificate claims to hold, and every inequality of those that do was proved.
-    """
-
-    checks: tuple[Check, ...]
-    silent: tuple[str, ...]
-    unchecked: tuple[str, ...] = UNCHECKED
-
-    @property
-    def holds(self) -> bool:
-        """True where something is claimed and all that is claimed is proved."""
-        return bool(self.checks) and all(check.proved for check in self.checks)
-
-    @property
-    def refused(self) -> tuple[Check, ...]:
-        """The inequalities that could not be proved."""
-        return tuple(check for check in self.checks if not check.proved)
-
-    def record(self) -> dict[str, object]:
-        """Return the report as a JSON tree."""
-        checks = [check._asdict() for check in self.checks]
-        return {
-            "format": "deshybrid-verify/1",
-            "holds": self.holds,
-            "checks": checks,
-            "silent": list(self.silent),
-            "unchecked": list(self.unchecked),
-        }
-
-    def __str__(self) -> str:
-        if not self.checks:
-            return "nothing verified: no certificate of this design claims to hold"
-        lines = [f"refused: {c.certificate}, {c.location}: not proved: {c.inequality}" for c in self.refused]
-        lines += [f"not claimed: {name}" for name in self.silent]
-        lines.append("not checked: " + ", ".join(self.unchecked) + "; whether a reset or location was left out")
-        verdict = "refused" if self.refused else "verified"
-        proved = len(self.checks) - len(self.refused)
-        return "\n".join([f"{verdict}: {proved} of {len(self.checks)} inequalities proved in exact arithmetic", *lines])
 
 
 def verify_design(document: Mapping[str, object]) -> VerifyReport:
@@ -244,4 +187,4 @@ def _made_from_the_gains(plant: Plant, claim: Claim, name: str, step: Fraction) 
     return said, is_sampled_form(M, A, C, gain, step)
 
 
-__all__ = ["Check", "VerifyReport", "read_design", "verify_design"]
+__all__ = ["verify_design"]
