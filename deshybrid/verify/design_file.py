@@ -1,7 +1,8 @@
 """The parts of a `design.json` that a checker needs, read into exact numbers; nothing in the file is trusted.
 
 In: a path, a compiled folder or "-", and then the JSON tree.  Out: the plant (A, C, resets, gains) and the claims of
-its certificates, shapes and finiteness checked.  Every malformed part is a `UsageError` (DH0511) that names its path in the tree.
+its certificates, shapes and finiteness checked.  Every malformed part is a `UsageError`
+(DH0511) that names its path in the tree.
 """
 
 import json
