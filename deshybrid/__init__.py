@@ -6,7 +6,7 @@
 True
 """
 
-from deshybrid.compiler import Compilation, Design, Recovery, check, compile, design, recover
+from deshybrid.compiler import Compilation, Design, Recovery, check, compile, design, recover, to_des
 from deshybrid.des.automaton import DES, Transition
 from deshybrid.des.observability import ObservabilityReport
 from deshybrid.diagnostics import DeshybridError, InputError, LimitReached, render_all
@@ -31,4 +31,5 @@ __all__ = [
     "loads",
     "recover",
     "render_all",
+    "to_des",
 ]

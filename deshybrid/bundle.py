@@ -102,10 +102,11 @@ def format_of(output: Path | None) -> str:
 def provenance(made: Compilation) -> Provenance:
     """Return where the code of a compilation comes from and what is proven of it."""
     system = made.design.system
-    source = system.source
+    source, first = system.source, system.locations[0].span
+    file = "a system built in Python" if first is None else Path(first.source.name).name
     return Provenance(
         model=system.name,
-        file="a system built in Python" if source is None else Path(source.text.name).name,
+        file=file,
         sha256="none" if source is None else source.sha256,
         tool_version=version("deshybrid"),
         certificate=tuple(f"{c.theorem}: {c.reason}" for c in made.design.certificates),

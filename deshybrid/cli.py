@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
@@ -23,6 +23,10 @@ from deshybrid.diagnostics import (
     diagnostic,
     render_all,
 )
+
+if TYPE_CHECKING:
+    from deshybrid.des.automaton import DES
+    from deshybrid.model.system import HybridSystem
 
 YES, NO, WRONG, LIMIT = 0, 1, 2, 3
 
@@ -44,8 +48,11 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-Model = Annotated[str, typer.Argument(metavar="MODEL", help="a model file, or - for standard input")]
+Model = Annotated[
+    str, typer.Argument(metavar="MODEL", help="a model, another tool's automaton, or - for standard input")
+]
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="write the result here instead of standard output")]
+ReadAs = Annotated[str | None, typer.Option("--from", help="format of MODEL, as of `convert`; default: its suffix")]
 AsJson = Annotated[bool, typer.Option("--json", help="write JSON")]
 MaxStates = Annotated[int, typer.Option(min=1, help="stop with exit code 3 beyond this many observer states")]
 Timeout = Annotated[
@@ -107,6 +114,15 @@ def _finish(answer: bool) -> NoReturn:
     raise typer.Exit(YES if answer else NO)
 
 
+def _read(model: str, read_as: str | None) -> "HybridSystem | DES":
+    """Read a model or another tool's automaton, and say what its reader passed over."""
+    from deshybrid.formats.reading import read_system
+
+    system, warnings = read_system(model, read_as)
+    _say(warnings)
+    return system
+
+
 def _write(output: Path | None, text: str | bytes) -> None:
     from deshybrid.emit.files import write_result
 
@@ -119,6 +135,7 @@ def check(
     method: Annotated[CheckMethod, typer.Option(help="build the observer, use the pair automaton, or choose")] = "auto",
     max_states: MaxStates = 100_000,
     timeout: Timeout = None,
+    read_as: ReadAs = None,
     as_json: AsJson = False,
     output: Output = None,
 ) -> None:
@@ -128,7 +145,7 @@ def check(
     from deshybrid.emit.records import check_record, to_json
 
     with working("checking", timeout):
-        report = compiler.check(model, method=method, max_states=max_states)
+        report = compiler.check(_read(model, read_as), method=method, max_states=max_states)
     _write(output, to_json(check_record(report)) if as_json else f"{report}\n")
     _say(verdict_diagnostics(report))
     _finish(report.current_location_observable)
@@ -139,6 +156,7 @@ def recover(
     model: Model,
     max_states: MaxStates = 100_000,
     timeout: Timeout = None,
+    read_as: ReadAs = None,
     as_json: AsJson = False,
     output: Output = None,
 ) -> None:
@@ -147,7 +165,7 @@ def recover(
     from deshybrid.emit.records import recover_record, to_json
 
     with working("looking for the cheapest signatures", timeout):
-        recovery = compiler.recover(model, max_states=max_states)
+        recovery = compiler.recover(_read(model, read_as), max_states=max_states)
     record = recover_record(recovery.plan, recovery.feasibility)
     _write(output, to_json(record) if as_json else f"{recovery}\n")
     _say(recovery.diagnostics)
@@ -170,7 +188,7 @@ def design(
     from deshybrid.emit.records import to_json
 
     with working("designing", timeout):
-        made = compiler.design(model, rate=rate, dwell=dwell, step=step, method=method)
+        made = compiler.design(_read(model, None), rate=rate, dwell=dwell, step=step, method=method)
     _write(output, to_json(made.document()) if as_json else f"{made}\n")
     _say((*made.recovery.diagnostics, *made.problems))
     _finish(made.certified)
@@ -190,6 +208,7 @@ def compile_model(
     step: Step = None,
     max_states: MaxStates = 100_000,
     timeout: Timeout = None,
+    read_as: ReadAs = None,
     as_json: AsJson = False,
 ) -> None:
     """Write report, drawings, design and observer code into a folder."""
@@ -202,7 +221,7 @@ def compile_model(
     folder = Path(output)
     wishes = bundle.Wishes(tuple(target or ("c", "python")), real, prefix)
     with working("compiling", timeout):
-        made = compiler.compile(model, rate=rate, dwell=dwell, step=step, max_states=max_states)
+        made = compiler.compile(_read(model, read_as), rate=rate, dwell=dwell, step=step, max_states=max_states)
         files = bundle.files(made, wishes)
     write_tree(folder, files)
     _write(None, to_json(bundle.record(made)) if as_json else f"{made}\n{_listing(folder, files)}")
@@ -221,6 +240,7 @@ def run(
     rate: Rate = None,
     dwell: DwellTime = None,
     step: Step = None,
+    read_as: ReadAs = None,
     as_json: AsJson = False,
     output: Output = None,
 ) -> None:
@@ -232,7 +252,7 @@ def run(
     from deshybrid.simulate.trace import read_trace
 
     with working("running"):
-        made = compiler.compile(model, rate=rate, dwell=dwell, step=step)
+        made = compiler.compile(_read(model, read_as), rate=rate, dwell=dwell, step=step)
         if made.observer is None:
             _say(made.diagnostics)
             _finish(False)
@@ -260,7 +280,7 @@ def simulate(
     from deshybrid.simulate.trace import write_trace
 
     with working("simulating", timeout):
-        execution = execute(compiler.to_hybrid(model), seed=seed, duration=duration, step=step)
+        execution = execute(compiler.to_hybrid(_read(model, None)), seed=seed, duration=duration, step=step)
     _write(output, write_trace(execution.trace))
     if execution.stop is not None:
         _say([execution.stop.diagnostic])
@@ -275,13 +295,14 @@ def draw(
     kind: Annotated[DrawFormat | None, typer.Option("--format", help="default: the suffix of -o, else svg")] = None,
     max_states: MaxStates = 100_000,
     timeout: Timeout = None,
+    read_as: ReadAs = None,
 ) -> None:
     """Draw the automaton or an observer; persistent, C1- and C2-failing parts are visible at a glance."""
     from deshybrid import bundle
 
     chosen = kind or bundle.format_of(output)
     with working("drawing", timeout):
-        picture = bundle.drawing(model, what, chosen, max_states=max_states)
+        picture = bundle.drawing(_read(model, read_as), what, chosen, max_states=max_states)
     _write(output, picture)
 
 

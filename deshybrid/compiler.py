@@ -19,8 +19,8 @@ from deshybrid.des.automaton import DES
 from deshybrid.des.observability import ObservabilityReport, check_observability
 from deshybrid.des.verdicts import unrecoverable
 from deshybrid.diagnostics import Diagnostic, GainError, UsageError, diagnostic
-from deshybrid.model.abstraction import abstract
-from deshybrid.model.load import load
+from deshybrid.formats.reading import read_system
+from deshybrid.model.abstraction import abstract, discrete_model
 from deshybrid.model.system import HybridSystem
 from deshybrid.model.timing import sampling_step
 
@@ -204,12 +204,14 @@ class Compilation:
 
 
 def to_system(source: Source) -> HybridSystem | DES:
-    """Return the model behind a path, or the model itself.
+    """Return the model or the automaton behind a path, or the value itself; the format of a file is its suffix.
+
+    Raises `InputError` where the file is malformed.
 
     >>> to_system(DES.from_transitions([("1", "a", "1", "α")])).name
     'des'
     """
-    return load(source) if isinstance(source, str | Path) else source
+    return read_system(source)[0] if isinstance(source, str | Path) else source
 
 
 def to_des(source: Source) -> DES:
@@ -223,17 +225,15 @@ def to_des(source: Source) -> DES:
 
 
 def to_hybrid(source: Source) -> HybridSystem:
-    """Return the hybrid system of a path, or the system itself.
+    """Return the hybrid system of a path, or the system itself; a DES becomes a model without continuous state.
 
-    Raises `UsageError` (DH0308) for a DES, which says nothing of time or state.
+    Raises `UsageError` (DH0308) for a DES that has signatures already.
 
     >>> to_hybrid("models/two_tank.yaml").state_names
     ('h1', 'h2')
     """
     model = to_system(source)
-    if isinstance(model, DES):
-        raise UsageError(diagnostic("DH0308", "this needs a model file or a `HybridSystem`, not a `DES`"))
-    return model
+    return discrete_model(model) if isinstance(model, DES) else model
 
 
 def check(source: Source, *, method: Method = "auto", max_states: int = MAX_STATES) -> ObservabilityReport:
@@ -273,7 +273,7 @@ def recover(source: Source, *, max_states: int = MAX_STATES) -> Recovery:
 
 
 def design(
-    source: str | Path | HybridSystem,
+    source: Source,
     *,
     rate: float | None = None,
     dwell: float | None = None,

@@ -1,8 +1,9 @@
 """deshybrid's own files of an automaton: the JSON form of a document, and the model language.
 
-JSON (`format: deshybrid-des/1`) holds everything that a `Document` has: `locations`, `initial`, `marked`, `events` with
-`controllable` and `observable`, and `transitions` with `from`, `to`, `event`, `emits` (a list; null is ε) and, where
-there is one, `signature`.  The model language holds the system alone; of a hybrid model the DES is taken.
+The key `format` tells the two apart, whatever the suffix.  JSON (`format: deshybrid-des/1`) holds everything that a
+`Document` has: `locations`, `initial`, `marked`, `events` with `controllable` and `observable`, and `transitions` with
+`from`, `to`, `event`, `emits` (a list; null is ε) and, where there is one, `signature`.  The model language holds the
+system alone; of a hybrid model the DES is taken.
 Cost: linear.  Source: this project.
 """
 
@@ -23,6 +24,7 @@ from deshybrid.formats.document import (
     refuse_names,
     refuse_signatures,
 )
+from deshybrid.formats.reading import AUTOMATON, is_automaton
 from deshybrid.model.abstraction import abstract
 from deshybrid.model.elaborate import elaborate
 from deshybrid.model.naming import LONGEST_NAME
@@ -30,28 +32,41 @@ from deshybrid.model.problems import did_you_mean
 from deshybrid.model.source import parse_source
 from deshybrid.model.tree import MappingNode, Node, ScalarNode, SequenceNode, form_of
 
-FORMAT = "deshybrid-des/1"
 _KEYS = ("format", "name", "locations", "initial", "marked", "events", "transitions")
 _EVENT_KEYS = ("name", "controllable", "observable")
 _TRANSITION_KEYS = ("from", "to", "event", "emits", "signature")
 
 
-def read_json(source: SourceText) -> Document:
-    """Return the document of our JSON.
+def read_own(source: SourceText) -> Document:
+    """Return the document of our JSON, or the DES of a model file, with a warning (DH1016) where it has dynamics.
 
     Raises `FormatError`: DH1002 (not this form), DH1003 (unknown key), DH1005 to DH1008; `ModelError` where the text is
-    no JSON.
+    neither YAML nor JSON, or a model contradicts itself.
 
     >>> text = '{"format": "deshybrid-des/1", "locations": ["1"], "initial": ["1"], "transitions": []}'
-    >>> read_json(SourceText("a.json", text)).des.locations
+    >>> read_own(SourceText("a.json", text)).des.locations
     ('1',)
+    >>> text = "{format: deshybrid/1, locations: [1], transitions: [{from: 1, to: 1, event: a}]}"
+    >>> str(read_own(SourceText("a.yaml", text)).des.transitions[0])
+    '1 -a/ε-> 1'
     """
-    tree = parse_source(source.text, source.name).tree
+    folder = None if source.name.startswith("<") else Path(source.name).parent
+    model = parse_source(source.text, source.name, folder)
+    if is_automaton(model.tree):
+        return read_automaton(model.tree)
+    system = elaborate(model)
+    message = "the dynamics of the model are passed over; its discrete-event system is taken"
+    warnings = (diagnostic("DH1016", message, severity="warning"),) if system.state_names else ()
+    return Document(abstract(system), warnings=warnings)
+
+
+def read_automaton(tree: MappingNode) -> Document:
+    """Return the document of a parsed file of the JSON form; errors as in `read_own`."""
     builder = Builder(tree.span.source)
     _check_keys(tree, _KEYS, builder)
     given = _word(_value(tree, "format"))
-    if given.text != FORMAT:
-        raise mistake("DH1003", f"unknown format `{given.text[:40]}`", given.span, "", f"expected: `{FORMAT}`")
+    if given.text != AUTOMATON:
+        raise mistake("DH1003", f"unknown format `{given.text[:40]}`", given.span, "", f"expected: `{AUTOMATON}`")
     for word in _words(tree, "locations"):
         builder.declare(word)
     builder.initial |= {word.text: word for word in _words(tree, "initial")}
@@ -145,7 +160,7 @@ def write_json(document: Document) -> Written:
     events = [event.name for event in document.events]
     refuse_names([des.name, *names_of(des), *signatures, *events], "json")
     lists = {"locations": des.locations, "initial": des.initial, "marked": document.marked}
-    lines = ["{", f'  "format": {_text(FORMAT)},', f'  "name": {_text(des.name)},']
+    lines = ["{", f'  "format": {_text(AUTOMATON)},', f'  "name": {_text(des.name)},']
     lines += [f'  "{key}": {_text(list(names))},' for key, names in lists.items()]
     lines.append(f'  "events": {_rows(_event_record(event) for event in document.events)},')
     lines.append(f'  "transitions": {_rows(_transition_record(t) for t in des.transitions)}')
@@ -168,22 +183,6 @@ def _rows(records: Iterable[dict[str, object]]) -> str:
 
 def _text(value: object) -> str:
     return json.dumps(value, ensure_ascii=False)
-
-
-def read_yaml(source: SourceText) -> Document:
-    """Return the DES of a model file, with a warning (DH1016) where it has continuous dynamics.
-
-    Raises `ModelError` where the model is malformed or contradicts itself.
-
-    >>> text = "{format: deshybrid/1, locations: [1], transitions: [{from: 1, to: 1, event: a}]}"
-    >>> str(read_yaml(SourceText("a.yaml", text)).des.transitions[0])
-    '1 -a/ε-> 1'
-    """
-    folder = None if source.name.startswith("<") else Path(source.name).parent
-    system = elaborate(parse_source(source.text, source.name, folder))
-    message = "the dynamics of the model are passed over; its discrete-event system is taken"
-    warnings = (diagnostic("DH1016", message, severity="warning"),) if system.state_names else ()
-    return Document(abstract(system), warnings=warnings)
 
 
 def write_yaml(document: Document) -> Written:
@@ -222,4 +221,4 @@ def _against(name: str) -> str:
     return f"it is longer than {LONGEST_NAME} characters" if len(name) > LONGEST_NAME else ""
 
 
-__all__ = ["FORMAT", "read_json", "read_yaml", "write_json", "write_yaml"]
+__all__ = ["read_automaton", "read_own", "write_json", "write_yaml"]

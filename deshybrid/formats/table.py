@@ -16,7 +16,7 @@ from deshybrid.formats.dot import read_dot, read_mealy, write_dot, write_mealy
 from deshybrid.formats.fsm import read_fsm, write_fsm
 from deshybrid.formats.gen import read_gen, write_gen
 from deshybrid.formats.graphml import read_graphml, write_graphml
-from deshybrid.formats.own import read_json, read_yaml, write_json, write_yaml
+from deshybrid.formats.own import read_own, write_json, write_yaml
 from deshybrid.formats.rv import read_rv
 from deshybrid.formats.wmod import read_wmod
 from deshybrid.model.source import checked_text, read_bytes
@@ -34,8 +34,8 @@ class Format:
 
 
 FORMATS = (
-    Format("yaml", (".yaml", ".yml"), "the model language", read_yaml, write_yaml),
-    Format("json", (".json",), "deshybrid's automata", read_json, write_json),
+    Format("yaml", (".yaml", ".yml"), "the model language", read_own, write_yaml),
+    Format("json", (".json",), "deshybrid's automata", read_own, write_json),
     Format("fsm", (".fsm",), "UMDES, DESUMA", read_fsm, write_fsm),
     Format("gen", (".gen",), "libFAUDES", read_gen, write_gen),
     Format("att", (".att", ".txt"), "AT&T text: OpenFst, foma, HFST", read_att, write_att),

@@ -24,6 +24,7 @@ from sybil.parsers.myst import PythonCodeBlockParser
 
 import deshybrid as dh
 from deshybrid import cli, compiler
+from deshybrid.formats import reading
 from deshybrid.model.kinds import ByForm, Kind, ListOf, MapOf, Record
 from deshybrid.model.language import MODEL
 from deshybrid.model.load import load, loads
@@ -84,9 +85,13 @@ def shared(function: Callable[..., Any]) -> Callable[..., Any]:
 def stages_are_shared() -> Iterator[None]:
     """Every value is frozen, so the pages may share what follows from the same file; it saves half of the time."""
     with pytest.MonkeyPatch.context() as patches:
-        stages = {"load": cache(load), **{name: shared(getattr(compiler, name)) for name in ("recover", "design")}}
+        stages = {name: shared(getattr(compiler, name)) for name in ("recover", "design")}
         for module, (name, stage) in product((dh, compiler), stages.items()):
             patches.setattr(module, name, stage)
+        patches.setattr(dh, "load", cache(load))
+        kept = cache(reading.read_system)
+        for module in (compiler, reading):
+            patches.setattr(module, "read_system", kept)
         yield
 
 
