@@ -3,6 +3,8 @@
 import random
 from collections import Counter
 
+import pytest
+
 from deshybrid.des.automaton import DES
 from deshybrid.des.detectability import (
     DetectabilityReport,
@@ -14,6 +16,7 @@ from deshybrid.des.detectability import (
 from tests import naive_toolkit as naive
 from tests.strategies import random_des
 
+BATCH = 500
 QUESTIONS = (strong_detectability, weak_detectability, strong_periodic_detectability, weak_periodic_detectability)
 
 
@@ -32,9 +35,10 @@ def assert_word_proves_the_answer(des: DES, report: DetectabilityReport) -> None
             assert len(during[-1]) == 1
 
 
-def test_detectability_agrees_with_the_definitions_and_every_word_proves_its_answer() -> None:
+@pytest.mark.parametrize("first", range(0, 2000, BATCH))
+def test_detectability_agrees_with_the_definitions_and_every_word_proves_its_answer(first: int) -> None:
     kinds: Counter[tuple[str, bool]] = Counter()
-    for seed in range(1000):
+    for seed in range(first, first + BATCH):
         des = random_des(random.Random(seed))
         expected = naive.detectable(des)
         for ask in QUESTIONS:
@@ -49,4 +53,4 @@ def test_detectability_agrees_with_the_definitions_and_every_word_proves_its_ans
                 assert report.runs.runs[0][-1].location != report.runs.runs[1][-1].location
             kinds[report.kind, report.holds] += 1
     assert len(kinds) == 8
-    assert min(kinds.values()) >= 50, kinds
+    assert min(kinds.values()) >= 25, kinds

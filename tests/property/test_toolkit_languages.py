@@ -3,6 +3,8 @@
 import random
 from collections import Counter
 
+import pytest
+
 from deshybrid.des.automaton import DES
 from deshybrid.des.composition import Composition, parallel
 from deshybrid.des.estimates import current_estimates, initial_estimates
@@ -13,15 +15,17 @@ from tests import naive_toolkit as naive
 from tests.naive_des import all_outputs, reachable
 from tests.strategies import random_des
 
-SEEDS = range(600)
+BATCH = 500
+batches = pytest.mark.parametrize("first", range(0, 2000, BATCH))  # 2,000 systems a property
 
 
 def some(rng: random.Random, names: tuple[str, ...]) -> list[str]:
     return rng.sample(names, rng.randint(0, len(names)))
 
 
-def test_accessible_and_trimmed_parts_hold_exactly_the_locations_on_runs() -> None:
-    for seed in SEEDS:
+@batches
+def test_accessible_and_trimmed_parts_hold_exactly_the_locations_on_runs(first: int) -> None:
+    for seed in range(first, first + BATCH):
         rng = random.Random(seed)
         des = random_des(rng)
         marked = some(rng, des.locations)
@@ -33,8 +37,9 @@ def test_accessible_and_trimmed_parts_hold_exactly_the_locations_on_runs() -> No
         assert part.initial == tuple(name for name in des.initial if name in part.locations)
 
 
-def test_reversed_runs_are_runs_of_the_reverse() -> None:
-    for seed in SEEDS:
+@batches
+def test_reversed_runs_are_runs_of_the_reverse(first: int) -> None:
+    for seed in range(first, first + BATCH):
         des = random_des(random.Random(seed))
         turned = reverse(des)
         assert reverse(turned, initial=des.initial) == des
@@ -43,8 +48,9 @@ def test_reversed_runs_are_runs_of_the_reverse() -> None:
             assert {q for q in des.locations if naive.after_word(des, [q], word)} == ends
 
 
-def test_estimates_along_a_word_are_those_of_the_definition() -> None:
-    for seed in SEEDS:
+@batches
+def test_estimates_along_a_word_are_those_of_the_definition(first: int) -> None:
+    for seed in range(first, first + BATCH):
         rng = random.Random(seed)
         des = random_des(rng)
         word = rng.choices(all_outputs(des), k=4) if all_outputs(des) else []
@@ -58,8 +64,9 @@ def test_estimates_along_a_word_are_those_of_the_definition() -> None:
             assert naive.shows(des, run, [str(output) for output in word])
 
 
-def test_deterministic_and_minimal_automata_accept_the_same_words_with_the_fewest_states() -> None:
-    for seed in SEEDS:
+@batches
+def test_deterministic_and_minimal_automata_accept_the_same_words_with_the_fewest_states(first: int) -> None:
+    for seed in range(first, first + BATCH):
         rng = random.Random(seed)
         des = random_des(rng, locations=5, transitions=8)
         marked = some(rng, des.locations) if seed % 2 else list(des.locations)
@@ -74,9 +81,10 @@ def test_deterministic_and_minimal_automata_accept_the_same_words_with_the_fewes
             assert equivalent(des, smallest.to_des(), first_marked=marked, second_marked=accepting).holds
 
 
-def test_inclusion_and_equivalence_agree_with_subsets_and_give_a_shortest_word() -> None:
+@batches
+def test_inclusion_and_equivalence_agree_with_subsets_and_give_a_shortest_word(first: int) -> None:
     kinds: Counter[str] = Counter()
-    for seed in SEEDS:
+    for seed in range(first, first + BATCH):
         rng = random.Random(seed)
         first, second = (random_des(rng, locations=4, transitions=7) for _ in range(2))
         if seed % 3 == 0:
@@ -114,8 +122,9 @@ def small(rng: random.Random, number: int) -> DES:
     return DES.from_transitions(own, initial=own[0][:1] if own else ()) if own else des
 
 
-def test_compositions_reach_the_states_and_arcs_of_the_full_product() -> None:
-    for seed in SEEDS:
+@batches
+def test_compositions_reach_the_states_and_arcs_of_the_full_product(first: int) -> None:
+    for seed in range(first, first + BATCH):
         rng = random.Random(seed)
         parts = tuple(small(rng, number) for number in range(rng.randint(1, 3)))
         for only_common in (False, True):
@@ -138,9 +147,10 @@ def test_compositions_reach_the_states_and_arcs_of_the_full_product() -> None:
                 assert (run.start in set(plant.initial), run.end) == (True, goal)
 
 
-def test_parallel_composition_of_projections_shows_what_both_permit() -> None:
+@batches
+def test_parallel_composition_of_projections_shows_what_both_permit(first: int) -> None:
     """With every event seen by its own name, a word is shown by the whole where its shadows are shown by the parts."""
-    for seed in SEEDS:
+    for seed in range(first, first + BATCH):
         rng = random.Random(seed)
         parts = [small(rng, number) for number in range(2)]
         parts = [project(part, {t.event for t in part.transitions}) for part in parts]

@@ -4,6 +4,8 @@ import random
 from collections import Counter
 from itertools import pairwise
 
+import pytest
+
 from deshybrid.des.automaton import DES, Transition
 from deshybrid.des.diagnosability import diagnosability, predictability
 from deshybrid.des.estimates import current_estimates, initial_estimates
@@ -13,7 +15,8 @@ from deshybrid.des.witness import Step
 from tests import naive_toolkit as naive
 from tests.strategies import random_des
 
-SEEDS = range(1000)
+BATCH = 500
+batches = pytest.mark.parametrize("first", range(0, 2000, BATCH))  # 2,000 systems a property
 
 
 def with_faults(seed: int) -> tuple[DES, set[str]]:
@@ -55,9 +58,10 @@ def assert_fault_comes_unforeseen(des: DES, witness: TwinWitness) -> None:
         assert all((a.location, b.event, b.location) in arcs for a, b in pairwise(run))
 
 
-def test_diagnosability_agrees_with_the_definition_and_two_runs_prove_a_no() -> None:
+@batches
+def test_diagnosability_agrees_with_the_definition_and_two_runs_prove_a_no(first: int) -> None:
     kinds: Counter[tuple[bool, bool]] = Counter()
-    for seed in SEEDS:
+    for seed in range(first, first + BATCH):
         des, faults = with_faults(seed)
         report = diagnosability(des, faults=faults)
         assert report.holds == naive.diagnosable(des, faults), seed
@@ -65,12 +69,13 @@ def test_diagnosability_agrees_with_the_definition_and_two_runs_prove_a_no() -> 
         if report.witness is not None:
             assert_fault_stays_unseen(des, report.witness)
         kinds[report.holds, bool(faults)] += 1
-    assert min(kinds[True, True], kinds[False, True]) >= 100, kinds
+    assert min(kinds[True, True], kinds[False, True]) >= 30, kinds
 
 
-def test_predictability_agrees_with_the_definition_and_two_runs_prove_a_no() -> None:
+@batches
+def test_predictability_agrees_with_the_definition_and_two_runs_prove_a_no(first: int) -> None:
     kinds: Counter[tuple[bool, bool]] = Counter()
-    for seed in SEEDS:
+    for seed in range(first, first + BATCH):
         des, faults = with_faults(seed)
         report = predictability(des, faults=faults)
         assert report.holds == naive.predictable(des, faults), seed
@@ -78,12 +83,13 @@ def test_predictability_agrees_with_the_definition_and_two_runs_prove_a_no() -> 
         if report.witness is not None:
             assert_fault_comes_unforeseen(des, report.witness)
         kinds[report.holds, bool(faults)] += 1
-    assert min(kinds[True, True], kinds[False, True]) >= 100, kinds
+    assert min(kinds[True, True], kinds[False, True]) >= 30, kinds
 
 
-def test_opacity_agrees_with_the_definition_and_a_shortest_word_betrays_the_secret() -> None:
+@batches
+def test_opacity_agrees_with_the_definition_and_a_shortest_word_betrays_the_secret(first: int) -> None:
     kinds: Counter[tuple[bool, bool, bool]] = Counter()
-    for seed in SEEDS:
+    for seed in range(first, first + BATCH):
         rng = random.Random(seed)
         des = random_des(rng, locations=5)
         secret = rng.sample(des.locations, rng.randint(0, len(des.locations)))
@@ -100,4 +106,4 @@ def test_opacity_agrees_with_the_definition_and_a_shortest_word_betrays_the_secr
                 assert naive.shows(des, report.run, list(report.outputs))
             kinds[at_start, report.opaque, bool(report.outputs)] += 1
     assert len(kinds) == 6
-    assert min(kinds.values()) >= 25, kinds
+    assert min(kinds.values()) >= 12, kinds

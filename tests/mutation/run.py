@@ -1,0 +1,113 @@
+"""Runs the tests of `deshybrid.des` on mutants of it, each in a child process of its own, and says which survive.
+
+In: modules, and how many mutants of each.  Out: one line a mutant (killed, timeout or survived), for `summary`.
+Idea: the parent loads everything but `deshybrid.des`; a child loads the mutant in place of the module and runs the
+module's tests until one fails.  A child has a bound on its processor time and its memory: a mutant that needs more than
+the tests ever need is killed by it.
+"""
+
+import importlib.abc
+import importlib.machinery
+import importlib.util
+import os
+import random
+import resource
+import sys
+import types
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+from hypothesis import Phase, settings
+
+from tests.mutation.mutants import Mutant, mutants, mutated
+from tests.mutation.selection import LEFT_OUT, tests_of
+
+ROOT = Path(__file__).parents[2]
+SOURCES = ROOT / "deshybrid" / "des"
+SECONDS, BYTES = 300, 2 << 30  # what the tests may need at most, in every process
+
+
+class _InPlaceOf(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    """Loads other source text in place of one module."""
+
+    def __init__(self, module: str, text: str) -> None:
+        self.name, self.text = f"deshybrid.des.{module}", text
+        self.path = str(SOURCES / f"{module}.py")
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None, target: types.ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        if name != self.name:
+            return None
+        return importlib.util.spec_from_file_location(name, self.path, loader=self)
+
+    def exec_module(self, module: types.ModuleType) -> None:
+        exec(compile(self.text, self.path, "exec"), module.__dict__)
+
+
+class _FirstBatch:
+    """Of the systems that come in batches, only those of the first are asked about: nearly as good, and quicker."""
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        items[:] = [item for item in items if not getattr(item, "callspec", None) or not _is_later_batch(item)]
+
+
+def _is_later_batch(item: pytest.Item) -> bool:
+    return bool(item.callspec.params.get("first"))  # type: ignore[attr-defined]
+
+
+def chosen(module: str, sample: int | None, seed: int) -> list[Mutant]:
+    """All mutants of a module, or a seeded sample of them, in the order of the source."""
+    every = mutants(module, (SOURCES / f"{module}.py").read_text(encoding="utf-8"))
+    if sample is None or sample >= len(every):
+        return every
+    return sorted(random.Random(f"{seed} {module}").sample(every, sample), key=lambda mutant: mutant.line)
+
+
+def verdicts(module: str, sample: int | None = None, seed: int = 0) -> Iterator[tuple[Mutant, str]]:
+    """Yield each chosen mutant with `killed`, `timeout` or `survived`."""
+    source = (SOURCES / f"{module}.py").read_text(encoding="utf-8")
+    outcome, needed = fate(module, source)
+    if outcome != "survived":
+        raise SystemExit(f"the tests of {module} fail without a mutant: {outcome}")
+    for mutant in chosen(module, sample, seed):
+        yield mutant, fate(module, mutated(source, mutant), seconds=int(2 * needed) + 5)[0]
+
+
+def fate(module: str, text: str, *, seconds: int = SECONDS) -> tuple[str, float]:
+    """Run the tests of a module with another text in its place; return what became of it, and the processor time."""
+    child = os.fork()
+    if child == 0:
+        try:
+            os._exit(_run_tests(module, text, seconds))
+        except BaseException:
+            os._exit(70)
+    _, status, used = os.wait4(child, 0)
+    if os.WIFSIGNALED(status):
+        return "timeout", used.ru_utime
+    return "killed" if os.WEXITSTATUS(status) else "survived", used.ru_utime
+
+
+def _run_tests(module: str, text: str, seconds: int) -> int:
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+    resource.setrlimit(resource.RLIMIT_AS, (BYTES, BYTES))
+    sys.meta_path.insert(0, _InPlaceOf(module, text))
+    settings.register_profile("mutation", derandomize=True, deadline=None, phases=[Phase.explicit, Phase.generate])
+    pytest_options = [
+        "-x",
+        "-q",
+        "--tb=no",
+        "--assert=plain",
+        "-p",
+        "no:cacheprovider",
+        "--hypothesis-profile=mutation",
+    ]
+    skipped = [f"--deselect={name}" for name in LEFT_OUT]
+    return int(pytest.main([*pytest_options, *skipped, *tests_of(module)], plugins=[_FirstBatch()]))
+
+
+__all__ = ["chosen", "fate", "verdicts"]

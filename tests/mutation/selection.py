@@ -1,0 +1,61 @@
+"""Which tests a mutant of a module must pass: the doctests of the module, then the quick tests, then the thorough."""
+
+from pathlib import Path
+
+_VALUES = "unit/test_des_values.py"
+_QUICK = (_VALUES, "unit/test_des_cases.py", "unit/test_des_figures.py")
+_OBSERVABILITY = (*_QUICK, "property/test_des_definitions.py", "property/test_des_engines.py")
+_RECOVERY = (*_QUICK, "property/test_des_recovery.py")
+_OPERATIONS = (_VALUES, "unit/test_toolkit_operations.py", "unit/test_toolkit_python.py")
+_LANGUAGES = (*_OPERATIONS, "property/test_toolkit_languages.py")
+_CASES = (_VALUES, "unit/test_toolkit_verdicts.py", "unit/test_toolkit_on_the_fly.py")
+_DETECTABILITY = (*_CASES, "property/test_toolkit_detectability.py")
+_SECRETS = (*_CASES, "property/test_toolkit_secrets_and_faults.py")
+_VERDICTS = (*_DETECTABILITY, *_SECRETS)
+_ALL = (*_QUICK, *_LANGUAGES, *_VERDICTS, *_OBSERVABILITY)
+
+TESTS = {
+    "automaton": _ALL,
+    "bitsets": (*_LANGUAGES, *_DETECTABILITY),
+    "candidates": _RECOVERY,
+    "composition": (*_LANGUAGES, *_SECRETS),
+    "cycles": _ALL,
+    "detectability": _DETECTABILITY,
+    "diagnosability": _SECRETS,
+    "epsilon": _OBSERVABILITY,
+    "estimates": (*_LANGUAGES, *_DETECTABILITY),
+    "languages": _LANGUAGES,
+    "lassos": _VERDICTS,
+    "moves": _OBSERVABILITY,
+    "observability": _OBSERVABILITY,
+    "observer": _OBSERVABILITY,
+    "opacity": _SECRETS,
+    "operations": _LANGUAGES,
+    "pairs": _OBSERVABILITY,
+    "persistence": (*_OBSERVABILITY, *_LANGUAGES),
+    "program": _RECOVERY,
+    "replay": _OBSERVABILITY,
+    "report": _OBSERVABILITY,
+    "runs": (*_LANGUAGES, *_VERDICTS),
+    "search": (*_LANGUAGES, *_VERDICTS),
+    "signatures": _RECOVERY,
+    "subsets": _OBSERVABILITY,
+    "twins": _VERDICTS,
+    "verdicts": _OBSERVABILITY,
+    "witness": _OBSERVABILITY,
+    "worklist": _ALL,
+}
+# These start another process, which loads the module as it is.
+LEFT_OUT = (
+    "tests/unit/test_des_cases.py::test_the_same_system_gives_the_same_text_under_any_hash_seed",
+    "tests/unit/test_toolkit_python.py::test_networkx_is_not_loaded_before_it_is_asked_for",
+)
+
+
+def tests_of(module: str) -> list[str]:
+    """The paths that pytest is given for a module, without those that are not there."""
+    files = [f"deshybrid/des/{module}.py", *(f"tests/{name}" for name in TESTS.get(module, _ALL))]
+    return [name for name in dict.fromkeys(files) if Path(name).exists()]
+
+
+__all__ = ["LEFT_OUT", "TESTS", "tests_of"]

@@ -1,0 +1,61 @@
+"""What all values of the toolkit have in common, and the limits of its searches."""
+
+import dataclasses
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Iterator
+from functools import cached_property
+
+import pytest
+
+from deshybrid import des
+
+MODULES = [importlib.import_module(f"deshybrid.des.{module.name}") for module in pkgutil.iter_modules(des.__path__)]
+VALUES = sorted(
+    {
+        value
+        for module in MODULES
+        for name, value in vars(module).items()
+        if dataclasses.is_dataclass(value) and not name.startswith("_")
+    },
+    key=lambda value: value.__qualname__,
+)
+LIMITS = {
+    "current_state_opacity": {"max_states": 100_000},
+    "determinise": {"max_states": 100_000},
+    "diagnosability": {"max_pairs": 2_000_000},
+    "equivalent": {"max_states": 1_000_000},
+    "included": {"max_states": 1_000_000},
+    "initial_state_opacity": {"max_states": 100_000},
+    "parallel": {"max_states": 100_000},
+    "predictability": {"max_pairs": 2_000_000},
+    "product": {"max_states": 100_000},
+    "strong_detectability": {"max_pairs": 2_000_000},
+    "strong_periodic_detectability": {"max_pairs": 2_000_000},
+    "weak_detectability": {"max_states": 100_000},
+    "weak_periodic_detectability": {"max_states": 100_000},
+}
+
+
+@pytest.mark.parametrize("value", VALUES, ids=lambda value: value.__qualname__)
+def test_a_value_is_frozen_and_takes_no_further_attributes(value: type) -> None:
+    """Except for what a value computes when it is first asked for."""
+    assert value.__dataclass_params__.frozen  # type: ignore[attr-defined]
+    assert "__slots__" in vars(value) or any(isinstance(part, cached_property) for part in vars(value).values())
+
+
+def limits() -> Iterator[tuple[str, str, object]]:
+    for module in MODULES:
+        for name, function in inspect.getmembers(module, inspect.isfunction):
+            if function.__module__ == module.__name__ and not name.startswith("_"):
+                for parameter in inspect.signature(function).parameters.values():
+                    if parameter.name.startswith("max_"):
+                        yield name, parameter.name, parameter.default
+
+
+def test_a_search_gives_up_where_its_documentation_says() -> None:
+    found: dict[str, dict[str, object]] = {}
+    for function, parameter, default in limits():
+        found.setdefault(function, {})[parameter] = default
+    assert {function: found[function] for function in LIMITS} == LIMITS
