@@ -10,6 +10,7 @@ from deshybrid.compiler import Compilation, Design, Recovery, check, compile, de
 from deshybrid.des.automaton import DES, Transition
 from deshybrid.des.observability import ObservabilityReport
 from deshybrid.diagnostics import DeshybridError, InputError, LimitReached, render_all
+from deshybrid.emit import notebook as _pictures  # noqa: F401 - says how notebooks draw what is imported here
 from deshybrid.model.load import load, loads
 from deshybrid.model.system import HybridSystem
 

@@ -19,6 +19,7 @@ from deshybrid.des.automaton import DES
 from deshybrid.des.observability import ObservabilityReport, check_observability
 from deshybrid.des.verdicts import unrecoverable
 from deshybrid.diagnostics import Diagnostic, GainError, UsageError, diagnostic
+from deshybrid.diagnostics.pictured import Explained
 from deshybrid.formats.reading import read_system
 from deshybrid.model.abstraction import abstract, discrete_model
 from deshybrid.model.system import HybridSystem
@@ -53,13 +54,16 @@ _NO_DESIGN: Mapping[str, object] = {
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Recovery:
+class Recovery(Explained):
     """Stage 6: which signatures make the current location observable, and which of them the dynamics allow."""
 
     system: HybridSystem | None
     check: ObservabilityReport
     candidates: "tuple[FeasibleCandidate, ...]"
     plan: "SignaturePlan"
+
+    def _drawn(self) -> ObservabilityReport:
+        return self.plan.report
 
     @property
     def locations_to_estimate(self) -> tuple[str, ...]:
@@ -92,7 +96,7 @@ class Recovery:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Design:
+class Design(Explained):
     """Stages 7 and 8: detector, gains, certificates and bound; a part is None where `problems` says why it is missing.
 
     `certificates` of the continuous observer come before those of the sampled one, which is the one that the code runs.
@@ -105,6 +109,9 @@ class Design:
     gains: "ObserverGains | None" = None
     certificates: "tuple[DwellTimeCertificate, ...]" = ()
     problems: tuple[Diagnostic, ...] = ()
+
+    def _drawn(self) -> ObservabilityReport:
+        return self.recovery.plan.report
 
     @property
     def exists(self) -> bool:
@@ -180,11 +187,15 @@ def _poles(values: "ComplexArray") -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Compilation:
+class Compilation(Explained):
     """Stage 9: the hybrid observer, None where none exists, with everything it was made from."""
 
     design: Design
     observer: "HybridObserver | None"
+
+    def _drawn(self) -> object:
+        report = self.design.recovery.plan.report
+        return report.observer or report
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:

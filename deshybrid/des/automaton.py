@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from deshybrid.diagnostics import ModelError, Span, UsageError, diagnostic
+from deshybrid.diagnostics.pictured import Pictured
 
 if TYPE_CHECKING:
     import networkx
@@ -66,7 +67,7 @@ class Transition:
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class DES:
+class DES(Pictured):
     """D_H: a nondeterministic discrete-event system; order of locations and transitions is order of declaration.
 
     `len(des)` counts the transitions, iteration goes through them, `des["2"]` holds those that leave location `2`.
@@ -164,6 +165,20 @@ class DES:
         """
         arcs = tuple(replace(t, signature=signatures.get(i, t.signature)) for i, t in enumerate(self.transitions))
         return replace(self, transitions=arcs)
+
+    def to_table(self) -> dict[str, tuple[str | None, ...]]:
+        """Return columns of equal length, one row per transition and output, which pandas takes as they are.
+
+        The columns are `source`, `event`, `target`, `output` and `signature`; None is ε, or no signature.
+
+        >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", None)])
+        >>> table = des.to_table()
+        >>> table["source"], table["output"]
+        (('1', '2'), ('α', None))
+        """
+        rows = [(t.source, t.event, t.target, output, t.signature) for t in self.transitions for output in t.outputs]
+        names = ("source", "event", "target", "output", "signature")
+        return {name: tuple(row[place] for row in rows) for place, name in enumerate(names)}
 
     def to_networkx(self) -> "networkx.MultiDiGraph[str]":
         """Return a networkx graph: nodes are locations, edges carry `event`, `outputs`, `signature` and `number`.

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, TypeAlias
 from deshybrid.des.automaton import DES, Output
 from deshybrid.des.subsets import SubsetMoves, subset_moves
 from deshybrid.des.worklist import explore
+from deshybrid.diagnostics.pictured import Pictured
 
 Moves: TypeAlias = dict[int, list[tuple[int, int]]]
 
@@ -32,14 +33,17 @@ class Edge(NamedTuple):
         return f"{self.source} -{self.output}-> {self.target}"
 
 
-@dataclass(frozen=True)
-class OutputAutomaton:
+@dataclass(frozen=True, repr=False)
+class OutputAutomaton(Pictured):
     """D'_H: p —γ→ q exists once where p ⇒ε* p' —γ→ q in D_H, with a shortest path, first by declaration among equals.
 
     Edges are found when they are first asked for: D_O needs none of them.
     """
 
     des: DES
+
+    def __repr__(self) -> str:
+        return f"<OutputAutomaton of {self.des.name}: {len(self.des.locations)} locations, {len(self.outputs)} outputs>"
 
     @cached_property
     def edges(self) -> tuple[Edge, ...]:

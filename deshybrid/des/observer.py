@@ -17,10 +17,11 @@ from deshybrid.des.epsilon import OutputAutomaton
 from deshybrid.des.subsets import Subset, SubsetMoves
 from deshybrid.des.worklist import explore
 from deshybrid.diagnostics import UsageError, diagnostic
+from deshybrid.diagnostics.pictured import Pictured
 
 
-@dataclass(frozen=True, slots=True)
-class LocationObserver:
+@dataclass(frozen=True, slots=True, repr=False)
+class LocationObserver(Pictured):
     """D_O: `states` are entry estimates, `transitions` are (state number, output, state number).
 
     `persistent` are the numbers of the states that are reachable from a cycle, itself reachable from `initial`; what
@@ -32,6 +33,18 @@ class LocationObserver:
     transitions: tuple[tuple[int, Output, int], ...]
     persistent: tuple[int, ...]
     automaton: OutputAutomaton
+
+    def to_table(self) -> dict[str, tuple[object, ...]]:
+        """Return columns of equal length, one row per transition, which pandas takes as they are.
+
+        The columns are `source` and `target`, entry estimates as tuples of names, and between them `output`, as text.
+        """
+        rows = [(self.states[source], str(output), self.states[target]) for source, output, target in self.transitions]
+        return {name: tuple(row[place] for row in rows) for place, name in enumerate(("source", "output", "target"))}
+
+    def __repr__(self) -> str:
+        sizes = f"{len(self.states)} states, {len(self.transitions)} transitions, {len(self.persistent)} persistent"
+        return f"<LocationObserver of {self.automaton.des.name}: {sizes}>"
 
     def __str__(self) -> str:
         shown = " ".join("{" + ",".join(state) + "}" for state in self.states)

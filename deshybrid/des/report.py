@@ -10,6 +10,7 @@ from deshybrid.des.automaton import DES, Transition
 from deshybrid.des.epsilon import OutputAutomaton
 from deshybrid.des.observer import LocationObserver
 from deshybrid.des.witness import Witness
+from deshybrid.diagnostics.pictured import Explained
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +27,7 @@ class C2Failure:
 
 
 @dataclass(frozen=True, slots=True)
-class ObservabilityReport:
+class ObservabilityReport(Explained):
     """The answer of `check_observability`; everything in order of declaration.
 
     `transient_bound` is K, where the verdict is yes: the fewest outputs after which every entry estimate is a single

@@ -26,6 +26,7 @@ from deshybrid.des.program import Program, Selection, build_program, solve
 from deshybrid.des.report import ObservabilityReport
 from deshybrid.des.witness import Confusion, Witness, find_confusion
 from deshybrid.diagnostics import LimitReached, diagnostic
+from deshybrid.diagnostics.pictured import Explained
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,7 @@ class Signature:
 
 
 @dataclass(frozen=True, slots=True)
-class SignaturePlan:
+class SignaturePlan(Explained):
     """The answer of `recover_observability`; everything in order of declaration.
 
     `generators` are the locations that need a residual generator, `cost` is what these cost, `lower_bound` what every
@@ -63,6 +64,9 @@ class SignaturePlan:
     confused: Witness | None
     complementary: DES | None
     report: ObservabilityReport
+
+    def _drawn(self) -> ObservabilityReport:
+        return self.report
 
     @property
     def names(self) -> str:

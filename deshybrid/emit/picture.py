@@ -18,6 +18,7 @@ from deshybrid.des.automaton import Output, Transition
 if TYPE_CHECKING:
     from deshybrid.des.epsilon import Edge
     from deshybrid.des.observability import ObservabilityReport
+    from deshybrid.des.observer import LocationObserver
 
 ArcStyle: TypeAlias = Literal["plain", "folded", "signed", "silent", "failing"]
 NodeShape: TypeAlias = Literal["location", "set", "component"]
@@ -110,13 +111,16 @@ def observer_picture(report: "ObservabilityReport", *, title: str) -> Picture:
 
     ValueError where the report was made by the pair method and so holds no observer.
     """
-    observer = report.observer
-    if observer is None:
+    if report.observer is None:
         raise ValueError("the report holds no observer")
+    return location_observer_picture(report.observer, title=title)
+
+
+def location_observer_picture(observer: "LocationObserver", *, title: str) -> Picture:
+    """Return D_O alone: C2 fails in its persistent states of several locations, which are all persistent themselves."""
     persistent = frozenset(observer.persistent)
-    failing = frozenset(state for failure in report.c2_failures for state in failure.observer_states)
     nodes = [
-        _set_node(i, state, report.des.locations, i in persistent, state in failing)
+        _set_node(i, state, observer.automaton.des.locations, i in persistent, i in persistent and len(state) > 1)
         for i, state in enumerate(observer.states)
     ]
     links = [Link(i, j, _output_label(out), str(out), _output_style(out)) for i, out, j in observer.transitions]

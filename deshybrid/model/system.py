@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 from deshybrid.diagnostics import Span
+from deshybrid.diagnostics.pictured import Pictured
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.linear.dynamics import LinearDynamics
 from deshybrid.model.predicates import Predicate
@@ -176,7 +177,7 @@ class Prior:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class HybridSystem:
+class HybridSystem(Pictured):
     """H: the whole model as numbers, each value leading back to the line of the file it came from."""
 
     name: str
@@ -203,6 +204,11 @@ class HybridSystem:
     def is_discrete(self) -> bool:
         """True where the model has no continuous state."""
         return not self.state_names
+
+    def _drawn(self) -> object:
+        from deshybrid.model.abstraction import abstract
+
+        return abstract(self)
 
     def __repr__(self) -> str:
         return (

@@ -77,6 +77,17 @@ class EstimateTrace:
     def __len__(self) -> int:
         return len(self.location)
 
+    def to_table(self) -> dict[str, Sequence[object] | FloatArray]:
+        """Return the columns of the estimates' file by their names, which pandas takes as they are.
+
+        An `entry_estimate` is a tuple of names, `identified` a truth value, None where there is no name.
+        """
+        table: dict[str, Sequence[object] | FloatArray] = {"time": self.trace.time, "location": self.location}
+        table |= {"entry_estimate": self.entry_estimate, "identified": self.identified}
+        table |= {"signature": self.signature, "status": self.status}
+        names = self.trace.system.state_names
+        return table | {f"{name}_hat": self.state[:, place] for place, name in enumerate(names)}
+
     def __repr__(self) -> str:
         share = 100.0 * sum(self.identified) / max(1, len(self))
         return f"EstimateTrace({self.trace.system.name}: {len(self)} rows, identified in {share:.1f} %)"

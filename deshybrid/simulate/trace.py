@@ -67,6 +67,25 @@ class Trace:
     def __len__(self) -> int:
         return len(self.time)
 
+    def to_table(self) -> dict[str, FloatArray | tuple[str | None, ...]]:
+        """Return the columns of the trace's file by their names, which pandas takes as they are.
+
+        >>> from deshybrid.model.system import HybridSystem, Location
+        >>> toy = HybridSystem("toy", (Location("a"),), (), ("a",))
+        >>> list(Trace(toy, [0.0], np.zeros((1, 0)), np.zeros((1, 0))).to_table())
+        ['time', 'event']
+        """
+        system, truth = self.system, self.true_state
+        table: dict[str, FloatArray | tuple[str | None, ...]] = {"time": self.time}
+        table |= zip(system.input_names, self.inputs.T, strict=True)
+        table |= zip(system.output_names, self.outputs.T, strict=True)
+        table["event"] = self.events
+        if self.true_location is not None:
+            table["true_location"] = self.true_location
+        if truth is not None:
+            table |= {f"true_{name}": truth[:, place] for place, name in enumerate(system.state_names)}
+        return table
+
     def __repr__(self) -> str:
         seen = sum(event is not None for event in self.events)
         span = f", {self.time[0]:g} s to {self.time[-1]:g} s" if len(self) else ""

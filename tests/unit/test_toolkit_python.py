@@ -7,6 +7,7 @@ import sys
 import networkx as nx
 import pytest
 
+import deshybrid as dh
 from deshybrid.des.automaton import DES
 from deshybrid.diagnostics import ModelError, UsageError
 from tests.strategies import candidates_everywhere, random_des
@@ -74,3 +75,34 @@ def test_networkx_is_not_loaded_before_it_is_asked_for() -> None:
     code = "import sys, deshybrid.des.opacity, deshybrid.des.composition; print('networkx' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+def test_a_table_has_a_row_for_each_output_and_makes_the_same_system_again() -> None:
+    for seed in range(200):
+        des = random_des(random.Random(seed))
+        table = des.to_table()
+        rows = list(zip(table["source"], table["event"], table["target"], table["output"], strict=True))
+        assert len(rows) == sum(len(transition.outputs) for transition in des)
+        again = DES.from_transitions(rows)
+        assert {(t.source, t.event, t.target): set(t.outputs) for t in again} == joined(des)
+
+
+def joined(des: DES) -> dict[tuple[str, str, str], set[str | None]]:
+    found: dict[tuple[str, str, str], set[str | None]] = {}
+    for t in des:
+        found.setdefault((t.source, t.event, t.target), set()).update(t.outputs)
+    return found
+
+
+def test_a_table_of_a_complementary_system_names_its_signatures() -> None:
+    assert DEMO.with_signatures({1: "s_1"}).to_table()["signature"] == (None, None, "s_1")
+
+
+def test_a_table_of_an_observer_has_a_row_for_each_transition() -> None:
+    observer = dh.check(DEMO, method="observer").observer
+    assert observer is not None
+    assert observer.to_table() == {
+        "source": tuple(observer.states[i] for i, _, _ in observer.transitions),
+        "output": tuple(str(output) for _, output, _ in observer.transitions),
+        "target": tuple(observer.states[j] for _, _, j in observer.transitions),
+    }
