@@ -1,8 +1,10 @@
 """The definitions of the discrete half as they stand in the papers, by brute force on explicit sets: the oracle."""
 
 from collections.abc import Iterable
+from itertools import pairwise
 
 from deshybrid.des.automaton import DES, Output, Transition
+from deshybrid.des.witness import Step, Witness
 
 
 def after_silence(des: DES, locations: Iterable[str]) -> frozenset[str]:
@@ -123,3 +125,50 @@ def transient_bound(des: DES) -> int:
             bound = outputs_seen + 1
         layer = {entered(des, state, output) for state in layer for output in all_outputs(des)} - {frozenset()}
     return bound
+
+
+def can_show(des: DES, run: tuple[Step, ...], word: tuple[str, ...], *, visible_end: bool = False) -> bool:
+    """Whether the run can show exactly this word, by trying everything that its last transition may show."""
+    if len(run) < 2:
+        return not word and not visible_end
+    arcs = [t for t in des.transitions if (t.source, t.event, t.target) == (run[-2].location, *run[-1])]
+    last = {seen for t in arcs for seen in t.seen}
+    silent = None in last and not visible_end and can_show(des, run[:-1], word)
+    visible = word and any(str(seen) == word[-1] for seen in last if seen is not None)
+    return silent or bool(visible and can_show(des, run[:-1], word[:-1]))
+
+
+def proves(des: DES, witness: Witness) -> bool:
+    """Whether a witness is what its documentation says, read sentence by sentence."""
+    arcs = {(t.source, t.event, t.target) for t in des.transitions}
+    (a, b), outputs = witness.repeated, witness.outputs
+    if not witness.runs or len(witness.runs) != len(witness.cycles) or not 0 <= a <= b <= len(outputs):
+        return False
+    for run, (start, stop) in zip(witness.runs, witness.cycles, strict=True):
+        if run[0].location not in des.initial or not 0 <= start < stop < len(run):
+            return False
+        if any((before.location, *step) not in arcs for before, step in pairwise(run)):
+            return False
+        if run[start].location != run[stop].location:
+            return False
+    if witness.condition == "C2":
+        apart = len(witness.runs) == 2 and witness.runs[0][-1].location != witness.runs[1][-1].location
+        each = zip(witness.runs, witness.cycles, strict=True)
+        return apart and a < b and all(_shows_in_parts(des, run, cycle, witness, True) for run, cycle in each)
+    first, (_, stop) = witness.runs[0], witness.cycles[0]
+    silent = any(None in t.seen for t in des.transitions if (t.source, t.event, t.target) == (first[-2][1], *first[-1]))
+    alone = first[-1].location == first[-2].location
+    seconds = () if alone else (first[:-1],)
+    shown = stop < len(first) - 1 and _shows_in_parts(des, first[:-1], witness.cycles[0], witness, False)
+    return silent and witness.runs[1:] == seconds and shown
+
+
+def _shows_in_parts(des: DES, run: tuple[Step, ...], cycle: tuple[int, int], witness: Witness, visible: bool) -> bool:
+    """What is shown before the cycle, on it, and after it; where asked for, the last transition is visible."""
+    (start, stop), (a, b), outputs = cycle, witness.repeated, witness.outputs
+    last = len(run) - 1
+    return (
+        can_show(des, run[: start + 1], outputs[:a])
+        and can_show(des, run[start : stop + 1], outputs[a:b], visible_end=visible and stop == last)
+        and can_show(des, run[stop:], outputs[b:], visible_end=visible and stop < last)
+    )

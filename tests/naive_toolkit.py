@@ -120,6 +120,30 @@ def shows(des: DES, run: Iterable[tuple[str, str]], word: list[str]) -> bool:
     return len(word) in places
 
 
+def distance(start: Iterable[Hashable], arcs: list[tuple[Hashable, Hashable]], goals: set[Hashable]) -> int | None:
+    """The fewest arcs to one of the goals."""
+    layer, known, length = set(start), set(), 0
+    while layer:
+        if layer & goals:
+            return length
+        known |= layer
+        layer = {target for source, target in arcs if source in layer} - known
+        length += 1
+    return None
+
+
+def shortest_run(des: DES, word: list[Output], starts: Iterable[str], ends: set[str]) -> int | None:
+    """The fewest transitions that show a word between two sets: a walk over locations and places in the word."""
+    arcs: list[tuple[Hashable, Hashable]] = [
+        ((t.source, place), (t.target, place + (seen is not None)))
+        for place in range(len(word) + 1)
+        for t in des.transitions
+        for seen in t.seen
+        if seen is None or word[place : place + 1] == [seen]
+    ]
+    return distance([(start, 0) for start in starts], arcs, {(end, len(word)) for end in ends})
+
+
 def lasting_path(nodes: Iterable[Hashable], arcs: Iterable[tuple[Hashable, Hashable]]) -> set[Hashable]:
     """Where a path of as many steps as there are nodes, or more, can end, if it stays within `nodes` all the time."""
     inside = set(nodes)

@@ -32,7 +32,8 @@ def witness_faults(des: DES, witness: Witness) -> tuple[str, ...]:
 
 def _run_faults(des: DES, run: tuple[Step, ...], number: int) -> list[str]:
     arcs = {(t.source, t.event, t.target) for t in des.transitions}
-    faults = [] if run[0].location in des.initial else [f"run {number} does not start in an initial location"]
+    starts = bool(run) and run[0].location in des.initial
+    faults = [] if starts else [f"run {number} does not start in an initial location"]
     for before, step in pairwise(run):
         if (before.location, step.event, step.location) not in arcs:
             faults.append(f"run {number} has no transition {before.location} -{step.event}-> {step.location}")
@@ -40,7 +41,9 @@ def _run_faults(des: DES, run: tuple[Step, ...], number: int) -> list[str]:
 
 
 def _cycle_faults(witness: Witness) -> list[str]:
-    faults = [] if len(witness.cycles) == len(witness.runs) else ["not every run has a cycle"]
+    faults = [] if witness.runs else ["there is no run"]
+    if len(witness.cycles) != len(witness.runs):
+        faults.append("not every run has a cycle")
     for number, (run, (start, stop)) in enumerate(zip(witness.runs, witness.cycles, strict=False)):
         if not 0 <= start < stop < len(run) or run[start].location != run[stop].location:
             faults.append(f"the cycle of run {number} does not lead back to where it starts")

@@ -6,6 +6,7 @@ module's tests until one fails.  A child has a bound on its processor time and i
 the tests ever need is killed by it.
 """
 
+import gc
 import importlib.abc
 import importlib.machinery
 import importlib.util
@@ -17,14 +18,23 @@ import types
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import networkx  # noqa: F401  (loaded once here, not in every child; so are the next ones)
+import numpy as np  # noqa: F401
 import pytest
+import scipy.optimize  # noqa: F401
 from hypothesis import Phase, settings
+from ruamel import yaml  # noqa: F401
 
 from tests.mutation.mutants import Mutant, mutants, mutated
 from tests.mutation.selection import LEFT_OUT, tests_of
 
 ROOT = Path(__file__).parents[2]
 SOURCES = ROOT / "deshybrid" / "des"
+_OUTCOMES = {
+    pytest.ExitCode.OK: "survived",
+    pytest.ExitCode.TESTS_FAILED: "killed",
+    pytest.ExitCode.INTERRUPTED: "killed",
+}
 SECONDS, BYTES = 300, 2 << 30  # what the tests may need at most, in every process
 
 
@@ -77,6 +87,7 @@ def verdicts(module: str, sample: int | None = None, seed: int = 0) -> Iterator[
 
 def fate(module: str, text: str, *, seconds: int = SECONDS) -> tuple[str, float]:
     """Run the tests of a module with another text in its place; return what became of it, and the processor time."""
+    gc.freeze()  # what is loaded here never becomes garbage in a child
     child = os.fork()
     if child == 0:
         try:
@@ -86,7 +97,10 @@ def fate(module: str, text: str, *, seconds: int = SECONDS) -> tuple[str, float]
     _, status, used = os.wait4(child, 0)
     if os.WIFSIGNALED(status):
         return "timeout", used.ru_utime
-    return "killed" if os.WEXITSTATUS(status) else "survived", used.ru_utime
+    outcome = _OUTCOMES.get(os.WEXITSTATUS(status))
+    if outcome is None:
+        raise SystemExit(f"the tests of {module} could not be run: exit status {os.WEXITSTATUS(status)}")
+    return outcome, used.ru_utime
 
 
 def _run_tests(module: str, text: str, seconds: int) -> int:
@@ -104,6 +118,8 @@ def _run_tests(module: str, text: str, seconds: int) -> int:
         "--assert=plain",
         "-p",
         "no:cacheprovider",
+        "-p",
+        "no:unraisableexception",
         "--hypothesis-profile=mutation",
     ]
     skipped = [f"--deselect={name}" for name in LEFT_OUT]

@@ -12,6 +12,7 @@ _CASES = (_VALUES, "unit/test_toolkit_verdicts.py", "unit/test_toolkit_on_the_fl
 _DETECTABILITY = (*_CASES, "property/test_toolkit_detectability.py")
 _SECRETS = (*_CASES, "property/test_toolkit_secrets_and_faults.py")
 _VERDICTS = (*_DETECTABILITY, *_SECRETS)
+_GRAPHS = (_VALUES, "property/test_des_graphs.py")
 _ALL = (*_QUICK, *_LANGUAGES, *_VERDICTS, *_OBSERVABILITY)
 
 TESTS = {
@@ -19,13 +20,13 @@ TESTS = {
     "bitsets": (*_LANGUAGES, *_DETECTABILITY),
     "candidates": _RECOVERY,
     "composition": (*_LANGUAGES, *_SECRETS),
-    "cycles": _ALL,
+    "cycles": (*_GRAPHS, *_OBSERVABILITY),
     "detectability": _DETECTABILITY,
     "diagnosability": _SECRETS,
     "epsilon": _OBSERVABILITY,
     "estimates": (*_LANGUAGES, *_DETECTABILITY),
     "languages": _LANGUAGES,
-    "lassos": _VERDICTS,
+    "lassos": (*_GRAPHS, *_VERDICTS),
     "moves": _OBSERVABILITY,
     "observability": _OBSERVABILITY,
     "observer": _OBSERVABILITY,
@@ -34,16 +35,16 @@ TESTS = {
     "pairs": _OBSERVABILITY,
     "persistence": (*_OBSERVABILITY, *_LANGUAGES),
     "program": _RECOVERY,
-    "replay": _OBSERVABILITY,
+    "replay": (*_QUICK, "property/test_des_witnesses.py"),
     "report": _OBSERVABILITY,
     "runs": (*_LANGUAGES, *_VERDICTS),
-    "search": (*_LANGUAGES, *_VERDICTS),
+    "search": (*_GRAPHS, *_OPERATIONS, *_CASES),
     "signatures": _RECOVERY,
     "subsets": _OBSERVABILITY,
     "twins": _VERDICTS,
     "verdicts": _OBSERVABILITY,
-    "witness": _OBSERVABILITY,
-    "worklist": _ALL,
+    "witness": (*_OBSERVABILITY, "property/test_des_witnesses.py"),
+    "worklist": (*_GRAPHS, *_QUICK, *_OPERATIONS, *_CASES),
 }
 # These start another process, which loads the module as it is.
 LEFT_OUT = (

@@ -60,8 +60,16 @@ def test_estimates_along_a_word_are_those_of_the_definition(first: int) -> None:
             assert set(start[length]) == {q for q in des.initial if naive.after_word(des, [q], word[:length])}
         run = shortest_run(des, word)
         assert (run is None) == (now[-1] == ())
+        ends = set(some(rng, des.locations))
+        assert (None if run is None else len(run) - 1) == naive.shortest_run(des, word, des.initial, {*des.locations})
         if run is not None:
             assert naive.shows(des, run, [str(output) for output in word])
+        starts = some(rng, des.locations)
+        run = shortest_run(des, [str(output) for output in word], start=starts, end=ends)
+        assert (None if run is None else len(run) - 1) == naive.shortest_run(des, word, starts, ends)
+        if run is not None:
+            assert naive.shows(des, run, [str(output) for output in word])
+            assert (run[0].location in starts, run[-1].location in ends) == (True, True)
 
 
 @batches
@@ -145,6 +153,7 @@ def test_compositions_reach_the_states_and_arcs_of_the_full_product(first: int) 
                 }
                 assert taken <= set(arcs)
                 assert (run.start in set(plant.initial), run.end) == (True, goal)
+                assert len(run.steps) == naive.distance(plant.initial, [(s, t) for s, _, t in arcs], {goal})
 
 
 @batches
