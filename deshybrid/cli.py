@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
-from deshybrid.console import open_missing_streams, working
+from deshybrid.console import open_missing_streams, size_in_bytes, working
 from deshybrid.diagnostics import (
     DeshybridError,
     Diagnostic,
@@ -57,6 +57,14 @@ AsJson = Annotated[bool, typer.Option("--json", help="write JSON")]
 MaxStates = Annotated[int, typer.Option(min=1, help="stop with exit code 3 beyond this many observer states")]
 Timeout = Annotated[
     float | None, typer.Option(min=0.001, max=1e7, help="stop with exit code 3 after this many seconds")
+]
+MaxMemory = Annotated[
+    int | None,
+    typer.Option(
+        parser=size_in_bytes,
+        metavar="SIZE",
+        help="stop with exit code 3 beyond this much memory, as in 4GiB; default: half of what is available",
+    ),
 ]
 Rate = Annotated[float | None, typer.Option(help="rate of convergence in 1/s; default: the model's `observer: rate`")]
 DwellTime = Annotated[float | None, typer.Option(help="dwell time in s; default: the model's")]
@@ -135,20 +143,28 @@ def check(
     method: Annotated[CheckMethod, typer.Option(help="build the observer, use the pair automaton, or choose")] = "auto",
     max_states: MaxStates = 100_000,
     timeout: Timeout = None,
+    max_memory: MaxMemory = None,
     read_as: ReadAs = None,
     as_json: AsJson = False,
     output: Output = None,
 ) -> None:
     """Can the current location be known from the discrete outputs?  If not, exactly why."""
     from deshybrid import compiler
-    from deshybrid.des.verdicts import verdict_diagnostics
+    from deshybrid.des.observability import ObservabilityReport, UndecidedCheck, verdict_diagnostics
     from deshybrid.emit.records import check_record, to_json
 
-    with working("checking", timeout):
-        report = compiler.check(_read(model, read_as), method=method, max_states=max_states)
-    _write(output, to_json(check_record(report)) if as_json else f"{report}\n")
-    _say(verdict_diagnostics(report))
-    _finish(report.current_location_observable)
+    def tell(report: ObservabilityReport) -> None:
+        _write(output, to_json(check_record(report)) if as_json else f"{report}\n")
+        _say(verdict_diagnostics(report))
+
+    try:
+        with working("checking", timeout, max_memory):
+            report = compiler.check(_read(model, read_as), method=method, max_states=max_states)
+    except UndecidedCheck as limit:
+        tell(limit.report)
+        raise
+    tell(report)
+    _finish(report.current_location_observable is True)
 
 
 @app.command()
@@ -156,6 +172,7 @@ def recover(
     model: Model,
     max_states: MaxStates = 100_000,
     timeout: Timeout = None,
+    max_memory: MaxMemory = None,
     read_as: ReadAs = None,
     as_json: AsJson = False,
     output: Output = None,
@@ -164,7 +181,7 @@ def recover(
     from deshybrid import compiler
     from deshybrid.emit.records import recover_record, to_json
 
-    with working("looking for the cheapest signatures", timeout):
+    with working("looking for the cheapest signatures", timeout, max_memory):
         recovery = compiler.recover(_read(model, read_as), max_states=max_states)
     record = recover_record(recovery.plan, recovery.feasibility)
     _write(output, to_json(record) if as_json else f"{recovery}\n")
@@ -208,6 +225,7 @@ def compile_model(
     step: Step = None,
     max_states: MaxStates = 100_000,
     timeout: Timeout = None,
+    max_memory: MaxMemory = None,
     read_as: ReadAs = None,
     as_json: AsJson = False,
 ) -> None:
@@ -220,7 +238,7 @@ def compile_model(
         raise UsageError(diagnostic("DH0805", "`-o` names no folder"))
     folder = Path(output)
     wishes = bundle.Wishes(tuple(target or ("c", "python")), real, prefix)
-    with working("compiling", timeout):
+    with working("compiling", timeout, max_memory):
         made = compiler.compile(_read(model, read_as), rate=rate, dwell=dwell, step=step, max_states=max_states)
         files = bundle.files(made, wishes)
     write_tree(folder, files)
@@ -295,13 +313,14 @@ def draw(
     kind: Annotated[DrawFormat | None, typer.Option("--format", help="default: the suffix of -o, else svg")] = None,
     max_states: MaxStates = 100_000,
     timeout: Timeout = None,
+    max_memory: MaxMemory = None,
     read_as: ReadAs = None,
 ) -> None:
     """Draw the automaton or an observer; persistent, C1- and C2-failing parts are visible at a glance."""
     from deshybrid import bundle
 
     chosen = kind or bundle.format_of(output)
-    with working("drawing", timeout):
+    with working("drawing", timeout, max_memory):
         picture = bundle.drawing(_read(model, read_as), what, chosen, max_states=max_states)
     _write(output, picture)
 

@@ -1,7 +1,8 @@
-"""A command, its terminal and its clock: standard streams, a sign of life on long work, the time limit."""
+"""A command, its terminal and its limits: standard streams, a sign of life on long work, time, memory, Ctrl-C."""
 
 import io
 import os
+import re
 import signal
 import sys
 import threading
@@ -10,7 +11,17 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
 
-from deshybrid.diagnostics import LimitReached, diagnostic
+import typer
+
+from deshybrid.diagnostics import within
+from deshybrid.diagnostics.limits import allowance, data_memory, interrupted, out_of_time
+
+try:
+    import resource
+except ImportError:  # not everywhere; nothing is fenced there
+    resource = None  # type: ignore[assignment]
+
+_ROOM = 2**28  # bytes for libraries that are loaded on the way
 
 
 def open_missing_streams() -> None:
@@ -26,10 +37,11 @@ def open_missing_streams() -> None:
 
 
 @contextmanager
-def working(on: str, timeout: float | None = None) -> Iterator[None]:
-    """Show after a second that work goes on, where a terminal looks on; turn a time limit into `LimitReached`.
+def working(on: str, timeout: float | None = None, memory: int | None = None) -> Iterator[None]:
+    """Show after a second that work goes on, where a terminal looks on; end the work at its limits, and on Ctrl-C.
 
-    `on` is what is shown, `timeout` the limit in seconds (DH0903), None for none.
+    `on` is what is shown; `timeout` in seconds, None for none; `memory` in bytes of the whole process, None for what it
+    holds and half of what is available.  Raises `OutOfResources` (DH0903, DH0904, DH0905).
 
     >>> with working("adding"):
     ...     1 + 1
@@ -39,21 +51,60 @@ def working(on: str, timeout: float | None = None) -> Iterator[None]:
     watcher = threading.Thread(target=_spin, args=(on, done), daemon=True)
     if sys.stderr.isatty():
         watcher.start()
-    before = signal.signal(signal.SIGALRM, _expire)
+    before = [(number, signal.signal(number, end)) for number, end in _ENDS]
     signal.setitimer(signal.ITIMER_REAL, timeout or 0)
     try:
-        yield
+        with within(memory=memory), _fence():
+            yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        for number, handler in before:
+            signal.signal(number, handler)
         done.set()
         if watcher.is_alive():
             watcher.join()
 
 
 def _expire(_number: int, _frame: FrameType | None) -> NoReturn:
-    helps = ("allow more time with `--timeout`",)
-    raise LimitReached(diagnostic("DH0903", "the time limit was reached, so the question stays undecided", helps=helps))
+    raise out_of_time()
+
+
+def _stop(number: int, _frame: FrameType | None) -> NoReturn:
+    signal.signal(number, signal.SIG_DFL)  # whoever asks twice does not want to wait for the last look
+    raise interrupted()
+
+
+_ENDS = ((signal.SIGALRM, _expire), (signal.SIGINT, _stop))
+
+
+@contextmanager
+def _fence() -> Iterator[None]:
+    """Let an allocation fail that is far beyond what is allowed, before the system ends the process for it."""
+    held, free = data_memory(), allowance()
+    if resource is None or held is None or free is None:
+        yield
+        return
+    before = soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    most = held + int(1.5 * free) + _ROOM
+    if all(limit == resource.RLIM_INFINITY or most < limit for limit in (soft, hard)):
+        resource.setrlimit(resource.RLIMIT_DATA, (most, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, before)
+
+
+def size_in_bytes(text: str) -> int:
+    """Return the bytes that a text such as `4GiB` stands for; raises `typer.BadParameter`.
+
+    >>> size_in_bytes("4GiB"), size_in_bytes("1.5 GB"), size_in_bytes("512M"), size_in_bytes("1000000")
+    (4294967296, 1500000000, 536870912, 1000000)
+    """
+    found = re.fullmatch(r"(\d+(?:\.\d+)?) ?(?:([KMGT])(iB|B)?)?", text.strip())
+    if found is None:
+        raise typer.BadParameter(f"`{text}` is no size: write 4GiB, 512M or 1.5GB")
+    number, prefix, unit = found.groups()
+    return int(float(number) * (1000 if unit == "B" else 1024) ** ("KMGT".index(prefix) + 1 if prefix else 0))
 
 
 def _spin(on: str, done: threading.Event) -> None:

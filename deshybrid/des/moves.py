@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshybrid.des.epsilon import OutputAutomaton, moves_by_location
+from deshybrid.diagnostics import check_limits
 
 Pairs: TypeAlias = NDArray[np.int64]
 _BATCH = 1 << 20
+_BATCH_BYTES = 64 * _BATCH
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,6 +76,7 @@ class PairMoves:
         work = np.cumsum(self.count[codes // self.size])
         start = 0
         while start < len(codes):
+            check_limits(_BATCH_BYTES)
             done = work[start - 1] if start else 0
             stop = max(int(np.searchsorted(work, done + _BATCH, side="right")), start + 1)
             yield self._successors(codes[start:stop])

@@ -10,29 +10,37 @@ Two methods decide C2 and agree on every location, whether C1 holds or not:
 - "observer" reads it from D_O, exponential in the worst case, and keeps D_O;
 - "pairs": a persistent state of D_O contains p and q together exactly where the pair (p, q) is reachable from a cycle
   of the pair automaton, and contains q at all exactly where (q, q) is.
-- "auto" takes the observer up to a modest number of states, else the pairs.
+- "auto" takes the observer up to a modest number of states, the fewer the more locations there are, else the pairs.
+
+A limit of time or memory is no answer: then some pairs of locations are looked at, as many as a moment allows, since
+cycles among them prove a "no" as well as all would.
 
 Source: Balluchi et al. (2012), section 3.1, Definition 3 and Theorem 4.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias, get_args
 
 from deshybrid.des.automaton import DES
 from deshybrid.des.cycles import longest_path_to
 from deshybrid.des.epsilon import OutputAutomaton, eliminate_epsilon
 from deshybrid.des.observer import LocationObserver, build_location_observer
-from deshybrid.des.pairs import PersistentPairs, persistent_pairs
+from deshybrid.des.pairs import PairSearch, PersistentPairs
 from deshybrid.des.persistence import blocked_locations, persistent_locations
-from deshybrid.des.report import C2Failure, ObservabilityReport
+from deshybrid.des.report import C2Failure, ObservabilityReport, Undecided, UndecidedCheck
 from deshybrid.des.verdicts import verdict_diagnostics
 from deshybrid.des.witness import Step, Witness, c1_witness, c2_witness, find_confusion
 from deshybrid.des.worklist import Graph
-from deshybrid.diagnostics import LimitReached, UsageError, diagnostic
+from deshybrid.diagnostics import LimitReached, OutOfResources, UsageError, check_limits, diagnostic, within
+from deshybrid.diagnostics.limits import last_moments, out_of_memory
 
 Method: TypeAlias = Literal["auto", "observer", "pairs"]
 _MODEST = 2_000  # states of D_O that "auto" is ready to build
+_MODEST_MEMBERS = 6_000_000  # locations in all of these states together: so large systems get fewer
+_PATIENCE = 10_000  # pairs between two looks at the clock and at the memory
+_LAST_LOOK = 2.0  # seconds, to see what is known when a limit was reached
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,13 +52,23 @@ class _Findings:
     reason: str
     observer: LocationObserver | None = None
     pairs: PersistentPairs | None = None
+    limit: LimitReached | None = None
 
 
-def check_observability(des: DES, *, method: Method = "auto", max_states: int = 100_000) -> ObservabilityReport:
+def check_observability(
+    des: DES,
+    *,
+    method: Method = "auto",
+    max_states: int = 100_000,
+    timeout: float | None = None,
+    max_memory: int | None = None,
+) -> ObservabilityReport:
     """Return whether `des` is current-location observable, and why not (Balluchi et al., 2012, Theorem 4).
 
-    `max_states` limits D_O.  Raises `LimitReached` (DH0901) where the method "observer" finds more states than that, or
-    where tens of millions of pairs would have to be looked at; `UsageError` (DH0407) for another method.
+    `max_states` limits D_O, `timeout` the seconds, `max_memory` the bytes of the whole process (None: what it holds,
+    and half of what is available).  A limit that is reached after the answer "no" is told in the report; one that comes
+    before the answer raises `UndecidedCheck`, a `LimitReached` with what is known so far: DH0901 where the method
+    "observer" finds more states, DH0903 for time, DH0904 for memory.  Raises `UsageError` (DH0407) for another method.
 
     K counts outputs, that is transitions of D'_H and of D_O; where no transition is silent these are the transitions of
     Definition 3.  It is one more than the longest path of the pair automaton to a pair of different locations.
@@ -66,13 +84,15 @@ def check_observability(des: DES, *, method: Method = "auto", max_states: int = 
     if method not in get_args(Method):
         raise UsageError(diagnostic("DH0407", f"unknown method `{method}`", helps=("write auto, observer or pairs",)))
     automaton = eliminate_epsilon(des)
-    persistent = persistent_locations(des)
+    persistent, blocked = persistent_locations(des), blocked_locations(des)
     alive_in = set(persistent)
     c1_failures = [i for i, t in enumerate(des.transitions) if t.source in alive_in and not t.is_observable]
-    findings = _find(automaton, persistent, method, max_states)
+    search = PairSearch(automaton)
+    with within(timeout=timeout, memory=max_memory):
+        findings = _find_what_limits_allow(search, persistent, method, max_states)
+        findings, witness = _with_witness(automaton, c1_failures, findings)
     observable = not c1_failures and not findings.c2_failures
-    blocked = blocked_locations(des)
-    return ObservabilityReport(
+    report = ObservabilityReport(
         des=des,
         automaton=automaton,
         observer=findings.observer,
@@ -81,24 +101,53 @@ def check_observability(des: DES, *, method: Method = "auto", max_states: int = 
         persistent=persistent,
         c1_failures=tuple(des.transitions[number] for number in c1_failures),
         c2_failures=findings.c2_failures,
-        transient_bound=_bound(findings.longest_confusion) if observable else None,
-        witness=_witness(automaton, c1_failures, findings),
+        transient_bound=_bound(findings.longest_confusion) if observable and findings.limit is None else None,
+        witness=witness,
         method="pairs" if findings.observer is None else "observer",
         method_reason=findings.reason,
+        undecided=None if findings.limit is None else _undecided(findings.limit, search),
     )
+    if findings.limit is not None and report.current_location_observable is None:
+        raise UndecidedCheck(report, findings.limit) from findings.limit
+    return report
 
 
-def _find(automaton: OutputAutomaton, persistent: tuple[str, ...], method: Method, max_states: int) -> _Findings:
+def _find_what_limits_allow(
+    search: PairSearch, persistent: tuple[str, ...], method: Method, max_states: int
+) -> _Findings:
+    """What the method finds; where a limit ends it, what cycles among a few pairs of locations prove."""
+    try:
+        return _find(search, persistent, method, max_states)
+    except LimitReached as error:
+        limit = error.with_traceback(None)  # which would hold all that was built
+    except MemoryError:
+        limit = out_of_memory("an allocation failed")
+    found: tuple[C2Failure, ...] = ()
+    pairs = None
+    with suppress(LimitReached, MemoryError), last_moments(_LAST_LOOK):
+        pairs = search.some()
+        found = tuple(f for f in _pair_failures(search.automaton, persistent, pairs) if f.observer_states)
+    return _Findings(found, None, "a limit was reached", pairs=pairs, limit=limit)
+
+
+def _undecided(limit: LimitReached, search: PairSearch) -> Undecided:
+    return Undecided(limit.diagnostics[0].message, search.seen)
+
+
+def _find(search: PairSearch, persistent: tuple[str, ...], method: Method, max_states: int) -> _Findings:
     asked = "the method asked for"
     if method == "pairs":
-        return _find_by_pairs(automaton, persistent, asked)
+        return _find_by_pairs(search, persistent, asked)
     if method == "observer":
-        return _find_by_observer(automaton, persistent, asked, max_states)
-    modest = min(max_states, _MODEST)
+        return _find_by_observer(search.automaton, persistent, asked, max_states)
+    modest = min(max_states, _MODEST, _MODEST_MEMBERS // max(len(search.automaton.des.locations), 1) + 1)
     try:
-        return _find_by_observer(automaton, persistent, f"the automatic choice up to {modest}", modest)
+        return _find_by_observer(search.automaton, persistent, f"the automatic choice up to {modest}", modest)
+    except OutOfResources:
+        raise
     except LimitReached:
-        return _find_by_pairs(automaton, persistent, f"the location observer has more than {modest} states")
+        pass  # what was built is given up before the pairs come
+    return _find_by_pairs(search, persistent, f"the location observer has more than {modest} states")
 
 
 def _find_by_observer(
@@ -117,16 +166,24 @@ def _find_by_observer(
     return _Findings(failures, longest_path_to(graph, several), reason, observer)
 
 
-def _find_by_pairs(automaton: OutputAutomaton, persistent: tuple[str, ...], reason: str) -> _Findings:
-    pairs = persistent_pairs(automaton)
+def _find_by_pairs(search: PairSearch, persistent: tuple[str, ...], reason: str) -> _Findings:
+    pairs = search.all()
+    failures = _pair_failures(search.automaton, persistent, pairs)
+    return _Findings(failures, None if failures else pairs.longest_confusion, reason, None, pairs)
+
+
+def _pair_failures(
+    automaton: OutputAutomaton, persistent: tuple[str, ...], pairs: PersistentPairs
+) -> tuple[C2Failure, ...]:
     names = automaton.des.locations
     lasting: dict[str, list[tuple[str, ...]]] = {location: [] for location in names}
-    for p, q in pairs:
+    for number, (p, q) in enumerate(pairs):
+        if not number % _PATIENCE:
+            check_limits()
         state = (names[p],) if p == q else (names[p], names[q])
         for location in state:
             lasting[location].append(state)
-    failures = _failures(persistent, lasting)
-    return _Findings(failures, None if failures else pairs.longest_confusion, reason, None, pairs)
+    return _failures(persistent, lasting)
 
 
 def _failures(persistent: tuple[str, ...], lasting: dict[str, list[tuple[str, ...]]]) -> tuple[C2Failure, ...]:
@@ -140,6 +197,20 @@ def _failures(persistent: tuple[str, ...], lasting: dict[str, list[tuple[str, ..
 
 def _bound(longest_confusion: int | None) -> int:
     return 0 if longest_confusion is None else longest_confusion + 1
+
+
+def _with_witness(
+    automaton: OutputAutomaton, c1_failures: list[int], findings: _Findings
+) -> tuple[_Findings, Witness | None]:
+    """The witness of a "no", and the findings; after a limit there are a few moments left to look for one."""
+    if findings.limit is None:
+        try:
+            return findings, _witness(automaton, c1_failures, findings)
+        except LimitReached as limit:
+            findings = replace(findings, limit=limit)
+    with suppress(LimitReached, MemoryError), last_moments(_LAST_LOOK):
+        return findings, _witness(automaton, c1_failures, findings)
+    return findings, None
 
 
 def _witness(automaton: OutputAutomaton, c1_failures: list[int], findings: _Findings) -> Witness | None:
@@ -173,6 +244,8 @@ __all__ = [
     "Method",
     "ObservabilityReport",
     "Step",
+    "Undecided",
+    "UndecidedCheck",
     "Witness",
     "check_observability",
     "verdict_diagnostics",

@@ -3,13 +3,14 @@
 Source: Balluchi et al. (2012), section 3.1, Theorem 4.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from deshybrid.des.automaton import DES, Transition
 from deshybrid.des.epsilon import OutputAutomaton
 from deshybrid.des.observer import LocationObserver
 from deshybrid.des.witness import Witness
+from deshybrid.diagnostics import LimitReached
 from deshybrid.diagnostics.pictured import Explained
 
 
@@ -27,13 +28,26 @@ class C2Failure:
 
 
 @dataclass(frozen=True, slots=True)
+class Undecided:
+    """A limit that ended a check: its message, and the pairs of locations that had been looked at."""
+
+    reason: str
+    pairs_seen: int
+
+    def __str__(self) -> str:
+        return f"{self.reason}; {_count(self.pairs_seen, 'pair')} of locations seen"
+
+
+@dataclass(frozen=True, slots=True)
 class ObservabilityReport(Explained):
     """The answer of `check_observability`; everything in order of declaration.
 
     `transient_bound` is K, where the verdict is yes: the fewest outputs after which every entry estimate is a single
     location, for good (0 where the start set is one location and no output ever leaves a doubt); else None.
     `observer` is None where the method was "pairs"; `method_reason` says why the method was taken.  `witness` is None
-    exactly where the verdict is yes.
+    where the verdict is yes, or where `undecided` says so.
+    `undecided`: the limit that was reached before C2 was decided for all locations, else None.  C1 is decided all the
+    same, and each of the `c2_failures` is one, but there may be more of them.
     """
 
     des: DES
@@ -48,16 +62,22 @@ class ObservabilityReport(Explained):
     witness: Witness | None
     method: Literal["observer", "pairs"]
     method_reason: str
+    undecided: Undecided | None = None
 
     @property
-    def current_location_observable(self) -> bool:
-        """True where C1 and C2 hold (Theorem 4); whether the system is alive is another question, see `alive`."""
-        return not self.c1_failures and not self.c2_failures
+    def current_location_observable(self) -> bool | None:
+        """True where C1 and C2 hold (Theorem 4); whether the system is alive is another question, see `alive`.
+
+        None where a limit came before the answer: only the report that an `UndecidedCheck` carries says so.
+        """
+        if self.c1_failures or self.c2_failures:
+            return False
+        return None if self.undecided else True
 
     def __str__(self) -> str:
-        verdict = "" if self.current_location_observable else "not "
+        verdict = {True: "current-location observable", False: "not current-location observable", None: "undecided"}
         lines = [
-            f"{self.des.name}: {verdict}current-location observable",
+            f"{self.des.name}: {verdict[self.current_location_observable]}",
             f"  persistent locations: {', '.join(self.persistent) or 'none'}",
         ]
         if self.transient_bound is not None:
@@ -65,14 +85,19 @@ class ObservabilityReport(Explained):
         if not self.alive:
             lines.append(f"  not alive, runs end in: {', '.join(self.blocked)}")
         lines += [f"  C1 fails: {transition}" for transition in self.c1_failures]
+        if self.undecided and not self.c1_failures:
+            lines.append("  C1 holds")
         for failure in self.c2_failures:
             states = " ".join("{" + ",".join(state) + "}" for state in failure.observer_states)
             lines.append(f"  C2 fails: {failure.location} {'in ' + states if states else 'is never entered visibly'}")
+        if self.undecided:
+            lines.append(f"  {'more may fail' if self.c2_failures else 'C2 is not decided'}: {self.undecided}")
+        return "\n".join([*lines, f"  checked {self._way()}: {self.method_reason}"])
+
+    def _way(self) -> str:
         if self.observer is None:
-            method = "by pairs of locations"
-        else:
-            method = f"by the location observer, {_count(len(self.observer.states), 'state')}"
-        return "\n".join([*lines, f"  checked {method}: {self.method_reason}"])
+            return "by pairs of locations"
+        return f"by the location observer, {_count(len(self.observer.states), 'state')}"
 
     def __repr__(self) -> str:
         return (
@@ -82,8 +107,17 @@ class ObservabilityReport(Explained):
         )
 
 
+class UndecidedCheck(LimitReached):
+    """A limit came before the verdict; `report` holds what is known so far, the diagnostics say which limit it was."""
+
+    def __init__(self, report: ObservabilityReport, limit: LimitReached) -> None:
+        facts = (f"C1 holds, C2 is not decided: {report.undecided}",)
+        super().__init__(*(replace(d, notes=d.notes + facts) for d in limit.diagnostics))
+        self.report = report
+
+
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-__all__ = ["C2Failure", "ObservabilityReport"]
+__all__ = ["C2Failure", "ObservabilityReport", "Undecided", "UndecidedCheck"]

@@ -11,10 +11,12 @@ from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from deshybrid.diagnostics import Diagnostic, LimitReached, diagnostic
+from deshybrid.diagnostics import Diagnostic, LimitReached, check_limits, diagnostic
 
 Node = TypeVar("Node", bound=Hashable)
 Label = TypeVar("Label")
+
+_PATIENCE = 128  # nodes between two looks at the clock and at the memory
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +68,8 @@ def explore(
 ) -> Graph[Node, Label]:
     """Return the graph of all nodes that can be reached from `roots`.
 
-    Raises `LimitReached` (DH0901) as soon as more than `limit` nodes are found; `what` names them in the message.
+    Raises `LimitReached` (DH0901) as soon as more than `limit` nodes are found; `what` names them in the message; and
+    `OutOfResources` beyond the limits of `within`.
 
     >>> graph = explore([1], lambda n: [("double", 2 * n % 7)])
     >>> graph.nodes, graph.arcs
@@ -84,6 +87,8 @@ def explore(
                 nodes.append(successor)
                 found_by.append(len(arcs))
             arcs.append((source, label, target))
+        if not source % _PATIENCE:
+            check_limits()
         if limit is not None and len(nodes) > limit:
             raise LimitReached(_too_many(len(nodes), len(nodes) - source - 1, limit, what))
     return Graph(tuple(nodes), tuple(arcs), tuple(found_by))

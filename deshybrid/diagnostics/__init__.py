@@ -12,6 +12,7 @@ from deshybrid.diagnostics.errors import (
     UsageError,
     raise_all,
 )
+from deshybrid.diagnostics.limits import OutOfResources, check_limits, within
 from deshybrid.diagnostics.messages import Diagnostic, Label, diagnostic
 from deshybrid.diagnostics.render import render, render_all
 from deshybrid.diagnostics.spans import SourceText, Span
@@ -26,13 +27,16 @@ __all__ = [
     "Label",
     "LimitReached",
     "ModelError",
+    "OutOfResources",
     "SourceText",
     "Span",
     "TraceError",
     "UsageError",
     "catalogue",
+    "check_limits",
     "diagnostic",
     "raise_all",
     "render",
     "render_all",
+    "within",
 ]

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 
 from deshybrid.des.observability import ObservabilityReport
 from deshybrid.des.observer import LocationObserver
@@ -19,9 +20,9 @@ def to_json(record: Mapping[str, object]) -> str:
 
 
 def check_record(report: ObservabilityReport) -> dict[str, object]:
-    """Return what `check --json` prints (format `deshybrid-check/1`)."""
-    des = report.des
-    return {
+    """Return what `check --json` prints (format `deshybrid-check/1`), with `undecided` where a limit was reached."""
+    des, stopped = report.des, report.undecided
+    record: dict[str, object] = {
         "format": "deshybrid-check/1",
         "name": des.name,
         "locations": len(des.locations),
@@ -39,6 +40,7 @@ def check_record(report: ObservabilityReport) -> dict[str, object]:
         "method": report.method,
         "observer": None if report.observer is None else _observer_record(report.observer),
     }
+    return record if stopped is None else {**record, "undecided": asdict(stopped)}
 
 
 def _witness_record(witness: Witness) -> dict[str, object]:

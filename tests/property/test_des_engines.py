@@ -2,18 +2,21 @@
 
 import random
 import time
+from collections import Counter
+from typing import Any
 
 import pytest
 
-from benchmarks.families import from_the_end, observable_from_the_end, observable_sparse, ring, sparse
+from benchmarks.families import from_the_end, line, observable_from_the_end, observable_sparse, ring, sparse
 from deshybrid.des import moves, pairs, subsets, witness
 from deshybrid.des.automaton import DES, Output
 from deshybrid.des.epsilon import eliminate_epsilon
-from deshybrid.des.observability import check_observability
-from deshybrid.des.pairs import PersistentPairs, persistent_pairs
+from deshybrid.des.observability import UndecidedCheck, check_observability
+from deshybrid.des.pairs import PairSearch, PersistentPairs, persistent_pairs
 from deshybrid.des.replay import witness_faults
 from deshybrid.des.worklist import explore
 from deshybrid.diagnostics import LimitReached
+from deshybrid.diagnostics.limits import resident_memory
 from tests import naive_des as naive
 from tests.strategies import random_des
 
@@ -34,7 +37,7 @@ def test_starting_from_pairs_with_a_common_history_changes_nothing(monkeypatch: 
     for des, expected in zip(SYSTEMS, plain, strict=True):
         automaton = eliminate_epsilon(des)
         assert result(persistent_pairs(automaton)) == expected
-        depths.append(pairs._roots(moves.PairMoves.of(automaton), pairs._initial(automaton), 1000)[0])
+        depths.append(pairs.PairSearch(automaton)._words(pairs._MOST_MEMBERS).depth)
     assert sum(depth > 1 for depth in depths) > 20
     assert sum(bound is not None and depth > 1 for depth, (_, bound) in zip(depths, plain, strict=True)) > 10
 
@@ -93,6 +96,69 @@ def test_too_many_pairs_are_a_limit_that_says_how_many_there_are() -> None:
         persistent_pairs(eliminate_epsilon(ring(200)), limit=10)
     with pytest.raises(LimitReached, match="DH0901: there are more than 10 pairs of locations"):
         persistent_pairs(eliminate_epsilon(from_the_end(20)), limit=10)
+
+
+@pytest.mark.parametrize("most", [1, 3, 10, 1000])
+def test_a_part_of_the_pairs_holds_no_pair_that_is_not_persistent(most: int) -> None:
+    found = confused = 0
+    for des in SYSTEMS:
+        search = PairSearch(eliminate_epsilon(des))
+        part, whole = search.some(most), search.all()
+        assert set(part) <= set(whole)
+        found += len(part.codes)
+        confused += part.first_confused() is not None
+    assert confused > 20
+    assert found > confused
+
+
+def test_enough_of_the_pairs_hold_a_confusion_wherever_there_is_one() -> None:
+    for des in SYSTEMS:
+        search = PairSearch(eliminate_epsilon(des))
+        assert (search.some().first_confused() is None) == (search.all().first_confused() is None)
+
+
+@pytest.mark.parametrize("limit", [{"timeout": 0.0}, {"max_memory": 1}, {"method": "observer", "max_states": 1}])
+def test_what_is_said_after_a_limit_is_never_wrong(limit: dict[str, Any]) -> None:
+    answers: Counter[bool | None] = Counter()
+    for des in SYSTEMS:
+        truth = check_observability(des)
+        try:
+            report = check_observability(des, **limit)
+        except UndecidedCheck as stop:
+            report = stop.report
+            assert report.current_location_observable is None
+            assert (report.witness, report.transient_bound, report.c2_failures) == (None, None, ())
+        assert report.current_location_observable in (None, truth.current_location_observable)
+        assert (report.c1_failures, report.persistent, report.blocked) == (
+            truth.c1_failures,
+            truth.persistent,
+            truth.blocked,
+        )
+        assert {f.location for f in report.c2_failures} <= {f.location for f in truth.c2_failures}
+        assert report.witness is None or witness_faults(des, report.witness) == ()
+        answers[report.current_location_observable] += report.undecided is not None
+    assert answers[None] > 20
+    assert answers[False] > 20
+    assert answers[True] == 0
+
+
+def test_a_limit_that_comes_after_c1_has_failed_leaves_the_answer_no_with_its_run() -> None:
+    report = check_observability(sparse(400, outputs=8, silent=0.2), timeout=0.0)
+    assert report.current_location_observable is False
+    assert report.undecided is not None
+    assert report.undecided.reason == "the time limit was reached"
+    assert report.witness is not None
+    assert witness_faults(report.des, report.witness) == ()
+    assert "C1 fails" in str(report)
+
+
+def test_pairs_that_would_not_fit_are_not_begun() -> None:
+    held = resident_memory()
+    assert held is not None
+    with pytest.raises(UndecidedCheck, match="DH0904: the memory limit was reached") as stop:
+        check_observability(line(4_000), method="pairs", max_memory=held + 2**26)
+    assert "8002000 pairs" not in str(stop.value.report.undecided)
+    assert (resident_memory() or 0) < held + 2**27
 
 
 def test_an_observer_of_two_to_the_200_states_is_not_needed() -> None:

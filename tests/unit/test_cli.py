@@ -1,13 +1,17 @@
 """The command: exit codes, keys of the JSON, messages on standard error, files whole or not at all."""
 
 import json
+import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from deshybrid.cli import main
+from deshybrid.console import working
+from deshybrid.diagnostics import OutOfResources
 
 MODELS = Path("models")
 FIG2, FIG3 = MODELS / "balluchi2012/fig2.yaml", MODELS / "balluchi2012/fig3.yaml"
@@ -76,10 +80,59 @@ def test_check_by_pairs_gives_the_same_verdict_without_an_observer() -> None:
     assert (record["method"], record["observer"], record["current_location_observable"]) == ("pairs", None, False)
 
 
-def test_a_limit_on_states_ends_in_exit_code_3() -> None:
-    done = deshybrid("check", FIG2, "--method", "observer", "--max-states", 2)
+OBSERVABLE = "format: deshybrid/1\nname: m\nlocations: [a, b, c]\ntransitions:\n" + "".join(
+    f"  - {{from: {source}, to: {target}, event: {target}, emits: {target}}}\n" for source, target in ("ab", "bc", "ca")
+)
+
+
+def test_a_limit_ends_in_exit_code_3_and_what_is_known_so_far() -> None:
+    done = deshybrid("check", "-", "--json", "--method", "observer", "--max-states", 2, stdin=OBSERVABLE)
     assert done.returncode == 3
     assert "error[DH0901]" in done.stderr
+    assert "C1 holds, C2 is not decided" in done.stderr
+    record = json.loads(done.stdout)
+    assert record["current_location_observable"] is None
+    assert (record["c1_failures"], record["c2_failures"], record["witness"]) == ([], [], None)
+    assert record["persistent"] == ["a", "b", "c"]
+    assert set(record["undecided"]) == {"reason", "pairs_seen"}
+
+
+@pytest.mark.parametrize(("model", "code"), [(FIG2, "DH0401"), (FIG3, "DH0402")])
+def test_a_limit_that_comes_after_the_answer_no_does_not_undo_it(model: Path, code: str) -> None:
+    done = deshybrid("check", model, "--method", "observer", "--max-states", 2, "--json")
+    assert done.returncode == 1
+    assert f"error[{code}]" in done.stderr
+    record = json.loads(done.stdout)
+    assert record["current_location_observable"] is False
+    assert record["witness"] is not None
+    assert record["undecided"]["reason"] == "there are more than 2 observer states"
+
+
+def test_less_memory_than_the_command_itself_takes_ends_in_exit_code_3() -> None:
+    done = deshybrid("check", "-", "--max-memory", "1M", stdin=OBSERVABLE)
+    assert (done.returncode, "error[DH0904]" in done.stderr, done.stdout) == (3, True, "")
+
+
+def test_a_memory_that_is_no_size_is_a_wrong_call() -> None:
+    assert deshybrid("check", FIG2, "--max-memory", "much").returncode == 2
+
+
+def test_ctrl_c_ends_work_with_a_message_and_the_second_time_at_once() -> None:
+    with pytest.raises(OutOfResources, match="DH0905: interrupted"), working("waiting"):
+        signal.raise_signal(signal.SIGINT)
+    with working("waiting"):
+        with suppress(OutOfResources):
+            signal.raise_signal(signal.SIGINT)
+        assert signal.getsignal(signal.SIGINT) == signal.SIG_DFL
+    assert signal.getsignal(signal.SIGINT) == signal.default_int_handler
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the fence stands on Linux only")
+def test_an_allocation_beyond_all_limits_is_a_message_and_no_end_of_the_process() -> None:
+    with pytest.raises(OutOfResources, match="DH0904: the memory limit was reached"), working("filling", None, 2**20):
+        bytearray(2**40)
+    with pytest.raises(OutOfResources, match="DH0904: the memory limit was reached"), working("filling", None, 2**20):
+        bytearray(2**30)  # there would be enough, but it is not allowed
 
 
 def test_recover_finds_the_signature_of_figure_2() -> None:
