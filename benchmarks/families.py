@@ -4,6 +4,7 @@ import random
 from collections.abc import Callable
 
 from deshybrid.des.automaton import DES
+from deshybrid.des.composition import Composition
 
 Row = tuple[str, str, str, str | None]
 
@@ -78,6 +79,25 @@ def line(locations: int) -> DES:
     return DES.from_transitions(
         [*rows, (f"q{locations - 1}", "stay", f"q{locations - 1}", "o")], name=f"line {locations}"
     )
+
+
+def line_of_stations(stations: int, *, size: int = 6, alike: tuple[int, ...] = ()) -> Composition:
+    """Stations in a row, each with `size` locations, hence size^stations states.
+
+    A station works step by step, may lose a step, and when it is done hands its piece on to the next, which is empty
+    then.  The stations `alike` show the same for their work.
+    """
+    shown = ("work" if k in alike else f"work{k}" for k in range(stations))
+    return Composition(tuple(_station(k, size, text) for k, text in enumerate(shown)))
+
+
+def _station(k: int, size: int, shown: str) -> DES:
+    rows: list[Row] = [(str(n), f"work{k}", str(n + 1), shown) for n in range(size - 1)]
+    rows += [(str(n + 1), f"lose{k}", str(n), f"lose{k}") for n in range(size - 1)]
+    rows.append((str(size - 1), f"pass{k}", "0", f"pass{k}"))
+    if k:
+        rows.append(("0", f"pass{k - 1}", "1", None))
+    return DES.from_transitions(rows, initial=["0"], name=f"station {k}")
 
 
 def _output(draw: random.Random, outputs: int, silent: float) -> str | None:

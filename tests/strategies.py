@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from deshybrid.des.automaton import DES, Transition
 from deshybrid.des.candidates import Candidate
+from deshybrid.des.composition import Composition
 from deshybrid.formats.document import Document, Event
 from deshybrid.linear.dynamics import LinearDynamics
 from deshybrid.model.predicates import Affine, And
@@ -41,6 +42,23 @@ def random_des(rng: random.Random, *, locations: int = 6, transitions: int = 10)
     )
     initial = tuple(rng.sample(names, rng.randint(1, len(names)))) if rng.random() < 0.4 else ()
     return DES(names, arcs, initial, "random")
+
+
+def random_composition(rng: random.Random) -> Composition:
+    """Two or three small components that share some events and some outputs, or none at all."""
+    own_events, own_outputs = rng.choice([0.0, 0.5, 0.9, 1.0]), rng.choice([0.0, 0.7, 1.0, 1.0])
+    parts = []
+    for number in range(rng.choice([2, 2, 3])):
+        des = random_des(rng, locations=3, transitions=5)
+        private = {event: f"{event}{number}" if rng.random() < own_events else event for event in "abc"}
+        seen = {output: f"{output}{number}" if rng.random() < own_outputs else output for output in "αβγδ"}
+        arcs = tuple(
+            Transition(t.source, private[t.event], t.target, tuple(o and seen[o] for o in t.outputs))
+            for t in des.transitions
+        )
+        start = des.initial[:1] if rng.random() < 0.5 else des.initial
+        parts.append(DES(des.locations, arcs, start, f"part {number}"))
+    return Composition(tuple(parts), only_common=rng.random() < 0.15)
 
 
 def living(des: DES) -> DES:
