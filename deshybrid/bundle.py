@@ -104,12 +104,15 @@ def provenance(made: Compilation) -> Provenance:
     system = made.design.system
     source, first = system.source, system.locations[0].span
     file = "a system built in Python" if first is None else Path(first.source.name).name
+    together = made.design.determined
+    claims = [f"{c.theorem}: {c.reason}" for c in made.design.certificates]
+    claims += [] if together is None else [f"{c.theorem}: {c.reason}" for c in together.certificates]
     return Provenance(
         model=system.name,
         file=file,
         sha256="none" if source is None else source.sha256,
         tool_version=version("deshybrid"),
-        certificate=tuple(f"{c.theorem}: {c.reason}" for c in made.design.certificates),
+        certificate=tuple(claims),
     )
 
 
@@ -174,6 +177,7 @@ def _content(
         certificates=design.certificates,
         ultimate=design.ultimate,
         lower_limit=design.lower_limit,
+        determined=design.determined,
         tables=None if observer is None else observer.tables,
         real=wishes.real,
         files=names,

@@ -27,6 +27,7 @@ from deshybrid.model.timing import sampling_step
 
 if TYPE_CHECKING:
     from deshybrid.continuous.cycles import DwellLowerLimit
+    from deshybrid.continuous.determinability_design import Determined, Stays
     from deshybrid.continuous.dwell import DwellTimeCertificate
     from deshybrid.continuous.gains import ObserverGains
     from deshybrid.continuous.ultimate import UltimateBound
@@ -108,6 +109,7 @@ class Design(Explained):
     detector: "TransitionDetector | None" = None
     gains: "ObserverGains | None" = None
     certificates: "tuple[DwellTimeCertificate, ...]" = ()
+    determined: "Determined | None" = None
     problems: tuple[Diagnostic, ...] = ()
 
     def _drawn(self) -> ObservabilityReport:
@@ -121,6 +123,8 @@ class Design(Explained):
     @property
     def certified(self) -> bool:
         """True where the observer exists and all of its certificates hold; a discrete one has nothing to certify."""
+        if self.determined is not None and self.determined.required:
+            return self.exists and self.determined.holds
         return self.exists and all(certificate.holds for certificate in self.certificates)
 
     @cached_property
@@ -128,14 +132,14 @@ class Design(Explained):
         """The level below which the error stays in the end, in the worst case; found when asked for."""
         from deshybrid.continuous.ultimate import ultimate_bound
 
-        return None if self.gains is None else ultimate_bound(self.system, self.gains, delay=self.delay)
+        return ultimate_bound(self.system, self.gains, delay=self.delay) if self.gains and self.certificates else None
 
     @cached_property
     def lower_limit(self) -> "DwellLowerLimit | None":
         """The largest dwell time at which a switching cycle was found that does not contract; found when asked for."""
         from deshybrid.continuous.cycles import dwell_lower_limit
 
-        if self.gains is None:
+        if self.gains is None or not self.certificates:
             return None
         return dwell_lower_limit(self.system, self.gains, longest=self.certificates[0].required_dwell)
 
@@ -149,7 +153,7 @@ class Design(Explained):
         from deshybrid.continuous.document import design_document
 
         if self.gains is None:
-            return dict(_NO_DESIGN)
+            return {**_NO_DESIGN, "determinability": None if self.determined is None else self.determined.record()}
         return design_document(
             self.system,
             self.gains,
@@ -157,6 +161,7 @@ class Design(Explained):
             self.ultimate,
             lower_limit=self.lower_limit,
             detection_delay=None if self.detector is None else self.detector.detection_delay,
+            determined=self.determined,
         )
 
     def __repr__(self) -> str:
@@ -174,6 +179,7 @@ class Design(Explained):
             text = f"  {place}: poles {_poles(self.gains.eigenvalues[place])}"
             lines.append(f"{text}; fixed, as no output shows them: {fixed}" if fixed else text)
         lines += [f"  {c.theorem}: {'holds' if c.holds else 'does not hold'}: {c.reason}" for c in self.certificates]
+        lines += [str(self.determined)] if self.determined else []
         if self.ultimate is not None:
             bound = self.ultimate.value
             lines.append(
@@ -310,17 +316,19 @@ def design(
     draft = Design(system, recovery, sampling_step(system) if step is None else step)
     if not recovery.plan.recoverable:
         return draft
-    from deshybrid.continuous.gains import design_gains
+    from deshybrid.continuous.determinability_design import determined_without_gains, gains_alone_or_together
 
+    places = recovery.locations_to_estimate
     try:
-        gains = design_gains(system, recovery.locations_to_estimate, rate=rate, dwell=dwell, method=method)
+        gains, stays = gains_alone_or_together(system, places, rate=rate, dwell=dwell, method=method)
     except GainError as error:
-        return replace(draft, problems=error.diagnostics)
-    return _certified(replace(draft, gains=gains, problems=gains.warnings))
+        return replace(draft, determined=determined_without_gains(system, places), problems=error.diagnostics)
+    return _certified(replace(draft, gains=gains, problems=gains.warnings), stays)
 
 
-def _certified(draft: Design) -> Design:
+def _certified(draft: Design, stays: "Stays") -> Design:
     """Add detector, certificates and bound to a draft that has gains and a step."""
+    from deshybrid.continuous.determinability_design import determined
     from deshybrid.continuous.gains import design_gains
     from deshybrid.detector.detector import build_detector, delay_warnings
 
@@ -330,6 +338,11 @@ def _certified(draft: Design) -> Design:
     detector = build_detector(system, plan, rate=gains.rate, step=draft.step) if plan.signatures else None
     warnings = () if detector is None else delay_warnings(detector)
     made = replace(draft, detector=detector, problems=draft.problems + warnings)
+    together = determined(system, gains, stays, step=made.step, delay=made.delay)
+    if together is not None:
+        made = replace(made, determined=together, problems=made.problems + together.problems)
+        if together.required:
+            return replace(made, gains=replace(gains, rate=together.rate or gains.rate))
     certificates = _certificates(made, gains)
     if not certificates[-1].holds and made.delay > 0.0:
         aimed = design_gains(system, gains.locations, rate=gains.requested_rate, dwell=gains.dwell, delay=made.delay)

@@ -45,10 +45,13 @@ def rate_left(split: KalmanSplit, requested: float, step: float | None) -> float
     return requested if requested <= ROOM * allowed else allowed / 2
 
 
-def gain_problems(system: HybridSystem, name: str, split: KalmanSplit) -> list[Diagnostic]:
-    """Return what stands against a gain for this location: fixed modes that stay, poles or gains that do not fit."""
+def gain_problems(system: HybridSystem, name: str, split: KalmanSplit, *, alone: bool = True) -> list[Diagnostic]:
+    """Return what stands against a gain for this location: fixed modes that stay, poles or gains that do not fit.
+
+    alone: the location has to make its own error decay; else other locations are relied on for modes it does not see.
+    """
     location, dynamics = system.location(name), dynamics_of(system, name)
-    problems = _undetectable(system, location, split)
+    problems = _undetectable(system, location, split) if alone else []
     gain, poles = system.observer.gains.get(name), system.observer.poles.get(name)
     wanted = (len(dynamics.A), len(dynamics.C))
     if gain is not None and gain.shape != wanted:
@@ -140,14 +143,20 @@ def loop_warnings(system: HybridSystem, kappas: Mapping[str, float]) -> tuple[Di
     )
 
 
-def _undetectable(system: HybridSystem, location: Location, split: KalmanSplit) -> list[Diagnostic]:
+def is_detectable(system: HybridSystem, name: str, split: KalmanSplit) -> bool:
+    """Return whether every mode that no output of the location shows decays by itself."""
     rate = decay_rate(sorted_spectrum(split.A_u), system.time_step)
-    if rate < -STABLE * _speed(dynamics_of(system, location.name).A, system.time_step):
+    return rate < -STABLE * _speed(dynamics_of(system, name).A, system.time_step)
+
+
+def _undetectable(system: HybridSystem, location: Location, split: KalmanSplit) -> list[Diagnostic]:
+    if is_detectable(system, location.name, split):
         return []
     message = f"no gain exists for `{location.name}`: an unobservable mode of this persistent location does not decay"
     helps = (
         "measure one of the states named, or model the damping that makes the mode decay",
-        "if the location is left again and again, its neighbours may determine the mode: Balluchi et al. (2003)",
+        "other locations may determine the mode if every stay ends in time, by Balluchi et al. (2003): state"
+        " `dwell: {min: …, max: …}` for all persistent locations",
     )
     return [diagnostic("DH0503", message, location.span, notes=_modes(system, location, split), helps=helps)]
 
@@ -199,6 +208,7 @@ def _number(value: complex) -> str:
 __all__ = [
     "cap_warning",
     "gain_problems",
+    "is_detectable",
     "loop_problems",
     "loop_warnings",
     "rate_left",

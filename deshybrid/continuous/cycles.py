@@ -82,7 +82,7 @@ def dwell_lower_limit(
     dynamics = error_dynamics(system, gains.gains)
     shifted = _Shifted(dynamics, rate)
     top = longest if longest is not None and isfinite(longest) and longest > 0 else shifted.slowest()
-    walks = [walk for walk, _ in zip(_closed_walks(dynamics), range(MOST_WALKS), strict=False)]
+    walks = [walk for walk, _ in zip(closed_walks(dynamics), range(MOST_WALKS), strict=False)]
     grid = np.geomspace(top, top * 1e-3, GRID)
     coarse = [_first_growing(shifted, walk, (0.0,) * len(walk), grid) for walk in walks]
     ranked = sorted(range(len(walks)), key=lambda k: coarse[k])
@@ -137,7 +137,7 @@ class _Shifted:
         return 20 / least if isfinite(least) else 1.0
 
 
-def _closed_walks(dynamics: ErrorDynamics) -> Iterator[tuple[ErrorReset, ...]]:
+def closed_walks(dynamics: ErrorDynamics) -> Iterator[tuple[ErrorReset, ...]]:
     """Closed walks of 1 to 4 transitions, each once up to where it starts, in order of declaration."""
     numbers = {id(reset): number for number, reset in enumerate(dynamics.resets)}
     for length in range(1, LONGEST_WALK + 1):
@@ -188,4 +188,4 @@ def _refined(
     return DwellLowerLimit(min(stays), WitnessCycle(tuple(reset.source for reset in walk), tuple(stays), growth))
 
 
-__all__ = ["DwellLowerLimit", "WitnessCycle", "dwell_lower_limit"]
+__all__ = ["DwellLowerLimit", "WitnessCycle", "closed_walks", "dwell_lower_limit"]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshybrid.continuous.cycles import DwellLowerLimit
+from deshybrid.continuous.determinability_design import Determined
 from deshybrid.continuous.dwell import DwellTimeCertificate
 from deshybrid.continuous.error import dynamics_of, error_resets
 from deshybrid.continuous.gains import ObserverGains
@@ -28,7 +29,7 @@ def design_document(
     *,
     lower_limit: DwellLowerLimit | None = None,
     detection_delay: Mapping[str, float | None] | None = None,
-    determinability: Mapping[str, object] | None = None,
+    determined: Determined | None = None,
 ) -> dict[str, object]:
     """Return the design as a JSON tree; keys as in the documentation of `design`, in that order, extras after them.
 
@@ -36,11 +37,13 @@ def design_document(
     """
     plain = [entry for entry in certificates if not entry.theorem.endswith("-sampled")] or list(certificates)
     cycle = None if lower_limit is None else lower_limit.cycle
+    alone = bool(certificates) and all(entry.holds for entry in certificates)
     return {
         "gains": {name: _rows(gain) for name, gain in gains.gains.items()},
         "eigenvalues": {name: _complex(values) for name, values in gains.eigenvalues.items()},
         "condition": {name: _finite(kappa) for name, kappa in gains.condition.items()},
-        "certificates": [certificate_record(entry) for entry in certificates],
+        "certificates": [certificate_record(entry) for entry in certificates]
+        + ([] if determined is None else [entry.record() for entry in determined.certificates]),
         "required_dwell": _finite(plain[-1].required_dwell) if plain else None,
         "dwell_lower_limit": None if lower_limit is None else _finite(lower_limit.value),
         "witness_cycle": None
@@ -48,7 +51,7 @@ def design_document(
         else {"locations": list(cycle.locations), "stays": list(cycle.stays), "growth": _finite(cycle.growth)},
         "ultimate_bound": None if ultimate is None else _finite(ultimate.value),
         "detection_delay": dict(detection_delay or {}),
-        "determinability": None if determinability is None else dict(determinability),
+        "determinability": None if determined is None else determined.record(alone),
         "rate": gains.rate,
         "requested_rate": gains.requested_rate,
         "method": gains.method,

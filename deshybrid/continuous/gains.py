@@ -125,13 +125,13 @@ def design_gains(
         loops = error_dynamics(system, {name: gain for name, (gain, _, _) in found.items()})
         plan = replace(plan, scale=best_scale(loops, plan.scale, plan.certified))
         found = {name: _gain(plan, name) for name in locations}
-    made = _analysed(plan, found, method)
+    made = analysed(plan, found, method)
     raise_all(loop_problems(system, made.closed_loop, made.eigenvalues), GainError)
     return made
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Plan:
+class GainPlan:
     """What the search is told: rates in 1/s as asked and as left by fixed modes; `aim`: the dwell time to aim at."""
 
     system: HybridSystem
@@ -157,7 +157,8 @@ def _split(system: HybridSystem, name: str) -> KalmanSplit:
     return kalman_split(dynamics.A, dynamics.C)
 
 
-def _default_rate(system: HybridSystem, locations: tuple[str, ...], dwell: float | None) -> float:
+def default_rate(system: HybridSystem, locations: tuple[str, ...], dwell: float | None) -> float:
+    """Return the rate μ (1/s) that is aimed at where none is asked for, as the module says."""
     if system.observer.rate is not None:
         return system.observer.rate
     if dwell is not None:
@@ -175,16 +176,16 @@ def _plan(
     rate: float | None,
     dwell: float | None,
     delay: float,
-) -> _Plan:
+) -> GainPlan:
     locations = tuple(splits)
     dwell = stated_dwell(system, locations) if dwell is None else dwell
-    requested = _default_rate(system, locations, dwell) if rate is None else rate
+    requested = default_rate(system, locations, dwell) if rate is None else rate
     certified = min(requested, *(rate_left(split, requested, system.time_step) for split in splits.values()), inf)
     aim = 1 / requested if dwell is None else max(dwell - delay, 0.05 * dwell)
-    return _Plan(system, splits, state_scale(system, locations), requested, certified, dwell, aim)
+    return GainPlan(system, splits, state_scale(system, locations), requested, certified, dwell, aim)
 
 
-def _task(plan: _Plan, name: str) -> GainTask:
+def _task(plan: GainPlan, name: str) -> GainTask:
     dynamics = dynamics_of(plan.system, name)
     jumps = [reset.matrix for reset in error_resets(plan.system, tuple(plan.splits)) if reset.source == name]
     return GainTask(
@@ -201,10 +202,10 @@ def _task(plan: _Plan, name: str) -> GainTask:
     )
 
 
-_Found: TypeAlias = tuple[FloatArray, GainSource, tuple[Diagnostic, ...]]
+FoundGain: TypeAlias = tuple[FloatArray, GainSource, tuple[Diagnostic, ...]]
 
 
-def _gain(plan: _Plan, name: str) -> _Found:
+def _gain(plan: GainPlan, name: str) -> FoundGain:
     system, task = plan.system, _task(plan, name)
     warning = cap_warning(system, name, task.split, task.rate)
     if name in system.observer.gains:
@@ -223,7 +224,8 @@ def _gain(plan: _Plan, name: str) -> _Found:
     return place_detectable(task.split, poles, task.scale), "model poles", warning
 
 
-def _analysed(plan: _Plan, found: Mapping[str, _Found], method: Method) -> ObserverGains:
+def analysed(plan: GainPlan, found: Mapping[str, FoundGain], method: Method) -> ObserverGains:
+    """Return the value of a design: the gains found, with what their closed loops are like."""
     gains, loops, spectra, bases, kappas = {}, {}, {}, {}, {}
     for name, (gain, _, _) in found.items():
         dynamics = dynamics_of(plan.system, name)
@@ -257,4 +259,15 @@ def _eigen(F: FloatArray, scale: FloatArray) -> tuple[ComplexArray, ComplexArray
     return values[order].astype(np.complex128), scale[:, None] * vectors, condition(vectors)
 
 
-__all__ = ["GainSource", "Method", "ObserverGains", "design_gains", "place_gain", "stated_dwell"]
+__all__ = [
+    "FoundGain",
+    "GainPlan",
+    "GainSource",
+    "Method",
+    "ObserverGains",
+    "analysed",
+    "default_rate",
+    "design_gains",
+    "place_gain",
+    "stated_dwell",
+]

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
     from deshybrid.continuous.cycles import DwellLowerLimit
+    from deshybrid.continuous.determinability_design import Determined
     from deshybrid.continuous.dwell import DwellTimeCertificate
     from deshybrid.continuous.gains import ObserverGains
     from deshybrid.continuous.ultimate import UltimateBound
@@ -43,6 +44,7 @@ _THEOREMS = {
     "B12-6": "Theorem 6 of Balluchi et al. (2012)",
     "B12-7": "Theorem 7 of Balluchi et al. (2012)",
     "LMI": "linear matrix inequalities",
+    "B03-box": "contraction over all stays within their bounds",
 }
 
 
@@ -64,6 +66,7 @@ class ReportContent:
     certificates: "tuple[DwellTimeCertificate, ...]" = ()
     ultimate: "UltimateBound | None" = None
     lower_limit: "DwellLowerLimit | None" = None
+    determined: "Determined | None" = None
     tables: "StepTables | None" = None
     real: Literal["double", "float"] = "double"
     files: tuple[str, ...] = ()
@@ -128,13 +131,20 @@ def _context(content: ReportContent) -> "Mapping[str, Any]":
         "theorem": _theorem,
         "persistent": frozenset(report.persistent),
         "confusions": _confusions(report),
-        "certified": bool(content.certificates) and all(certificate.holds for certificate in content.certificates),
+        "certified": _certified(content),
         "deciding": _deciding(content.certificates),
         "unproven": _unproven(content),
         "infinity": math.inf,
         "cost": _cost(content),
         "units": {} if content.system is None else content.system.units,
     }
+
+
+def _certified(content: ReportContent) -> bool:
+    """Every location is certified alone, or all of them together where that is needed."""
+    if content.determined is not None and content.determined.required:
+        return content.determined.holds
+    return bool(content.certificates) and all(certificate.holds for certificate in content.certificates)
 
 
 def _deciding(certificates: "tuple[DwellTimeCertificate, ...]") -> "DwellTimeCertificate | None":

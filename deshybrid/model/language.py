@@ -146,6 +146,12 @@ OBSERVER = Record(
         Key("step", _POSITIVE, "sampling step of the compiled observer, in seconds"),
         Key("poles", MapOf("location", ListOf(Pole())), "poles of A - G C, rad/s", needs_state=True),
         Key("gains", MapOf("location", Matrix("n", "p")), "gains G (n, p) to certify as given", needs_state=True),
+        Key(
+            "coordinates",
+            MapOf("location", Matrix("n", "n")),
+            "Kalman coordinates T (n, n) in which determinability is measured, rows of what is seen first",
+            needs_state=True,
+        ),
         Key("initial_state", Vector("n"), "x̂ at the start (n,); zero where not written", needs_state=True),
         Key("detector", DETECTOR, "the transition detector", needs_state=True),
     ),

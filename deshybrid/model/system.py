@@ -121,6 +121,7 @@ class ObserverOptions:
     step: float | None = None
     poles: Mapping[str, tuple[complex, ...]] = field(default_factory=_nothing)
     gains: Mapping[str, FloatArray] = field(default_factory=_nothing)
+    coordinates: Mapping[str, FloatArray] = field(default_factory=_nothing)
     initial_state: FloatArray | None = None
     detector: DetectorOptions = DetectorOptions()
 

@@ -67,6 +67,7 @@ def build_observer(
         written.number("step"),
         _poles(written.fields("poles"), len(channels.states), problems),
         _gains(written.fields("gains"), channels, locations, problems),
+        _coordinates(written.fields("coordinates"), channels, problems),
         checked(written.get("initial_state"), state, problems),
         _detector(written.fields("detector"), channels, locations, problems),
     )
@@ -85,6 +86,16 @@ def _gains(
         if gain is not None:
             gains[name] = gain
     return MappingProxyType(gains)
+
+
+def _coordinates(written: Fields, channels: Channels, problems: Problems) -> Mapping[str, FloatArray]:
+    found = {}
+    for name, field in written:
+        expected = Expected("coordinates", name, "`coordinates`", channels.state(), channels.state())
+        rows = checked(field, expected, problems)
+        if rows is not None:
+            found[name] = rows
+    return MappingProxyType(found)
 
 
 def _detector(

@@ -30,7 +30,16 @@ from deshybrid.linear.exact import (
     transposed,
 )
 from deshybrid.linear.exact_sampling import is_difference, is_sampled_form
-from deshybrid.verify.design_file import Claim, Plant, Summary, read_claims, read_plant, read_summary
+from deshybrid.verify.contraction import contraction_checks
+from deshybrid.verify.design_file import (
+    Claim,
+    Plant,
+    Summary,
+    read_claims,
+    read_contractions,
+    read_plant,
+    read_summary,
+)
 from deshybrid.verify.report import Check, VerifyReport
 
 PART_OF_A_STEP = Fraction(1, 10**6)
@@ -61,9 +70,12 @@ def verify_design(document: Mapping[str, object]) -> VerifyReport:
     plant = read_plant(document)
     claims, summary = read_claims(document, plant), read_summary(document, plant)
     checks = [check for claim in claims if claim.holds for check in _checks(plant, claim)]
+    boxes = read_contractions(document, plant)
+    checks += [Check(c.name, *said) for c in boxes if not isinstance(c, str) for said in contraction_checks(plant, c)]
     if checks:
         checks += [Check("design", *said) for said in _summary_checks(plant, claims, summary)]
-    return VerifyReport(tuple(checks), tuple(claim.name for claim in claims if not claim.holds))
+    silent = [claim.name for claim in claims if not claim.holds] + [c for c in boxes if isinstance(c, str)]
+    return VerifyReport(tuple(checks), tuple(silent))
 
 
 def _summary_checks(plant: Plant, claims: tuple[Claim, ...], summary: Summary) -> Iterator[tuple[str, str, bool]]:
@@ -73,7 +85,7 @@ def _summary_checks(plant: Plant, claims: tuple[Claim, ...], summary: Summary) -
     yield everywhere, "`rate` is that of the certificates", all(rate == summary.rate for rate in rates)
     plain = [claim for claim in claims if not claim.theorem.endswith("-sampled")] or list(claims)
     said = "`required_dwell` is that of the last certificate in continuous time"
-    yield everywhere, said, plain[-1].required == summary.required
+    yield everywhere, said, (plain[-1].required if plain else None) == summary.required
     for name, values in summary.eigenvalues.items():
         said = "the eigenvalues have the sum and the sum of squares that A - G C has"
         yield f"location `{name}`", said, _is_spectrum(plant.error_matrix(name), values)

@@ -19,6 +19,7 @@ from deshybrid.linear.exact import Rational, combined, product
 
 LARGEST_FILE = 64_000_000
 LARGEST_STATE = 40
+BOX_THEOREMS = ("B03-box", "B03-box-sampled")
 LARGEST_INTEGER = int(sys.float_info.max)
 
 
@@ -72,6 +73,26 @@ class Claim:
     scale: tuple[Fraction, ...]
     terms: Mapping[str, Term]
     bases: Mapping[str, tuple[Rational, Rational]]
+    matrices: Mapping[str, Rational]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contraction:
+    """A claim that the error contracts by γ with every switch; stays and the ends of cells in s, by location.
+
+    matrices: M of the sampled observer, else F = A - G C; `step` (s): None in continuous time.
+    """
+
+    name: str
+    theorem: str
+    gamma: Fraction
+    rate: Fraction
+    delay: Fraction
+    dwell: Fraction
+    step: Fraction | None
+    stays: Mapping[str, tuple[Fraction, Fraction]]
+    cells: Mapping[str, tuple[Fraction, ...]]
+    P: Mapping[str, Rational]
     matrices: Mapping[str, Rational]
 
 
@@ -161,7 +182,16 @@ def read_claims(document: Mapping[str, object], plant: Plant) -> tuple[Claim, ..
     entries = document.get("certificates")
     if not isinstance(entries, list):
         _refuse("`certificates` is not a list")
-    return tuple(_claim(_as_mapping(e, f"certificates[{k}]"), k, plant) for k, e in enumerate(entries))
+    numbered = ((k, _as_mapping(entry, f"certificates[{k}]")) for k, entry in enumerate(entries))
+    return tuple(_claim(entry, k, plant) for k, entry in numbered if entry.get("theorem") not in BOX_THEOREMS)
+
+
+def read_contractions(document: Mapping[str, object], plant: Plant) -> tuple[Contraction | str, ...]:
+    """Return the contractions over a box of stays that are claimed; of one that is not claimed, the name alone."""
+    entries = document.get("certificates")
+    numbered = enumerate(entries if isinstance(entries, list) else [])
+    found = ((k, _as_mapping(entry, f"certificates[{k}]")) for k, entry in numbered)
+    return tuple(_contraction(entry, k, plant) for k, entry in found if entry.get("theorem") in BOX_THEOREMS)
 
 
 def _jumps(system: Mapping[str, object], locations: Mapping[str, tuple[Rational, Rational]]) -> tuple[Jump, ...]:
@@ -207,6 +237,40 @@ def _claim(entry: Mapping[str, object], number: int, plant: Plant) -> Claim:
     tick = None if step is None else _number(step, f"{where}.step")
     _require(tick is None or tick > 0, f"{where}.step", "a positive step or null")
     return Claim(name, str(theorem), True, rate, dwell, delay, wanted, tick, scale, terms, bases, matrices)
+
+
+def _contraction(entry: Mapping[str, object], number: int, plant: Plant) -> Contraction | str:
+    where, theorem, holds = f"certificates[{number}]", str(entry.get("theorem")), entry.get("holds")
+    name = f"certificate {number + 1} ({theorem})"
+    _require(isinstance(holds, bool), f"{where}.holds", "true or false")
+    if not holds:
+        return name
+    n, sampled = len(next(iter(plant.locations.values()))[0]), theorem.endswith("-sampled")
+    timed = sampled or plant.time_step is not None
+    parts = {key: _mapping(entry, key, where) for key in ("stays", "cells", "P")}
+    if timed:
+        parts["matrices"] = _mapping(entry, "matrices", where)
+    for key, part in parts.items():
+        _same_names(part, f"{where}.{key}", plant)
+    stays = {k: _matrix([value], f"{where}.stays.{k}", columns=2)[0] for k, value in parts["stays"].items()}
+    P = {k: _matrix(value, f"{where}.P.{k}", columns=n, rows=n) for k, value in parts["P"].items()}
+    given = parts.get("matrices", {})
+    matrices = {k: _matrix(value, f"{where}.matrices.{k}", columns=n, rows=n) for k, value in given.items()}
+    step = _number(entry.get("step"), f"{where}.step") if timed else None
+    _require(step is None or step > 0, f"{where}.step", "a positive step")
+    return Contraction(
+        name,
+        theorem,
+        _number(entry.get("gamma"), f"{where}.gamma"),
+        _number(entry.get("rate"), f"{where}.rate"),
+        _number(entry.get("delay"), f"{where}.delay"),
+        _number(entry.get("dwell"), f"{where}.dwell"),
+        step,
+        {k: (stay[0], stay[1]) for k, stay in stays.items()},
+        {k: _matrix([value], f"{where}.cells.{k}")[0] for k, value in parts["cells"].items()},
+        P,
+        matrices if timed else {k: plant.error_matrix(k) for k in plant.locations},
+    )
 
 
 def _complex_matrix(value: object, where: str, n: int) -> tuple[Rational, Rational]:
@@ -266,4 +330,16 @@ def _refuse(message: str) -> NoReturn:
     )
 
 
-__all__ = ["Claim", "Jump", "Plant", "Summary", "Term", "read_claims", "read_design", "read_plant", "read_summary"]
+__all__ = [
+    "Claim",
+    "Contraction",
+    "Jump",
+    "Plant",
+    "Summary",
+    "Term",
+    "read_claims",
+    "read_contractions",
+    "read_design",
+    "read_plant",
+    "read_summary",
+]
