@@ -40,18 +40,6 @@ if TYPE_CHECKING:
 Source: TypeAlias = str | Path | HybridSystem | DES
 Method: TypeAlias = Literal["auto", "observer", "pairs"]
 MAX_STATES = 100_000
-_NO_DESIGN: Mapping[str, object] = {
-    "gains": {},
-    "eigenvalues": {},
-    "condition": {},
-    "certificates": [],
-    "required_dwell": None,
-    "dwell_lower_limit": None,
-    "witness_cycle": None,
-    "ultimate_bound": None,
-    "detection_delay": {},
-    "determinability": None,
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -150,10 +138,10 @@ class Design(Explained):
 
     def document(self) -> dict[str, object]:
         """Return the design as JSON values; the keys are a contract, and `verify` checks the claims in them."""
-        from deshybrid.continuous.document import design_document
+        from deshybrid.continuous.document import design_document, empty_document
 
         if self.gains is None:
-            return {**_NO_DESIGN, "determinability": None if self.determined is None else self.determined.record()}
+            return empty_document(self.determined)
         return design_document(
             self.system,
             self.gains,

@@ -63,6 +63,22 @@ def design_document(
     }
 
 
+def empty_document(determined: Determined | None = None) -> dict[str, object]:
+    """Return the tree of a design without gains; what locations could determine together may be known all the same."""
+    return {
+        "gains": {},
+        "eigenvalues": {},
+        "condition": {},
+        "certificates": [],
+        "required_dwell": None,
+        "dwell_lower_limit": None,
+        "witness_cycle": None,
+        "ultimate_bound": None,
+        "detection_delay": {},
+        "determinability": None if determined is None else determined.record(),
+    }
+
+
 def certificate_record(certificate: DwellTimeCertificate) -> dict[str, object]:
     """Return one certificate with all that proves it: T, the scale of the norm, and the terms of (20)."""
     record: dict[str, object] = {
@@ -123,4 +139,4 @@ def _finite(value: float | None) -> float | None:
     return float(value) if value is not None and isfinite(value) else None
 
 
-__all__ = ["certificate_record", "design_document"]
+__all__ = ["certificate_record", "design_document", "empty_document"]
