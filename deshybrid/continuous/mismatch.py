@@ -2,8 +2,9 @@
 
 In: a system with bounds |x| <= B_x, |u| <= B_u, |w| <= w̄, the observer's gains, a delay Δ.  Out, per transition j ->
 i, bounded entry by entry:
-- push: |e^{F_j t}| integrated over [0, Δ] times V, V >= |[(A_j - A_i) - G_j (C_j - C_i)] x + ... u + ...|, the model
-  error that drives the observer meanwhile;
+- drive (n, r): the model error that drives the observer meanwhile, [(A_j - A_i) - G_j (C_j - C_i)] x + ... u + ... w +
+  ..., a column for each signal between -1 and 1; push: what it adds within Δ, |e^{F_j t}| integrated over [0, Δ] times
+  its row sums;
 - jump: |x⁻ - x⁺|, the plant's reset that the observer has not made yet;
 - extra: what is left of it after the observer's own reset, a time s <= Δ too late:
   (R - I)(x(t+s) - x⁺) + R (e^{F_j s} - I)(x⁻ - x⁺), zero for the identity reset, and of order Δ else.
@@ -34,13 +35,25 @@ NOTHING_KNOWN = 1e100
 
 
 class Mismatch(NamedTuple):
-    """One transition under delay: reset (n, n); push, jump and extra (n,), all at least zero, in the states' units."""
+    """One transition under delay (s): reset (n, n); push, jump and extra (n,), at least zero, in the states' units."""
 
     target: str
     reset: FloatArray
     push: FloatArray
     jump: FloatArray
     extra: FloatArray
+    drive: FloatArray
+    delay: float
+
+
+def in_time(target: str, reset: FloatArray) -> Mismatch:
+    """Return the exit to `target` that is seen at once: it costs nothing.
+
+    >>> in_time("p", np.eye(2)).push.tolist()
+    [0.0, 0.0]
+    """
+    nothing = np.zeros(len(reset))
+    return Mismatch(target, reset, nothing, nothing, nothing, np.zeros((len(reset), 0)), 0.0)
 
 
 def missing_bounds(system: HybridSystem, locations: tuple[str, ...], delay: float) -> str:
@@ -66,9 +79,8 @@ def mismatches(
 ) -> dict[str, tuple[Mismatch, ...]]:
     """Return the cost of the delay for every transition, by source location; all zero without delay."""
     found: dict[str, tuple[Mismatch, ...]] = dict.fromkeys(gains, ())
-    nothing = np.zeros(len(system.state_names))
     for reset in error_resets(system, tuple(gains)):
-        entry = Mismatch(reset.target, reset.matrix, nothing, nothing, nothing)
+        entry = in_time(reset.target, reset.matrix)
         if delay > 0:
             entry = _mismatch(system, gains[reset.source], bases[reset.source], delay, reset)
         found[reset.source] = (*found[reset.source], entry)
@@ -88,20 +100,25 @@ def _mismatch(system: HybridSystem, gain: FloatArray, basis: ModalBasis, delay: 
     grown, driven = _grown(new.A, delay, step)
     moved = np.minimum(2 * state, grown @ state + driven @ (drive + np.abs(new.f)))
     extra = np.abs(reset.matrix - identity) @ moved + np.abs(reset.matrix) @ turned @ jump
-    return Mismatch(reset.target, reset.matrix, late_flow @ _model_error(system, gain, reset), jump, extra)
+    error = _model_error(system, gain, reset)
+    return Mismatch(reset.target, reset.matrix, late_flow @ np.abs(error).sum(axis=1), jump, extra, error, delay)
 
 
 def _model_error(system: HybridSystem, gain: FloatArray, reset: ErrorReset) -> FloatArray:
-    """V, entry by entry: the observer of `source` driven by the plant of `target`."""
+    """The observer of `source` driven by the plant of `target`: a column for each state, input, disturbance, and f."""
     old, new = dynamics_of(system, reset.source), dynamics_of(system, reset.target)
     here, there = system.location(reset.source), system.location(reset.target)
     rows = [there.output_index.index(channel) for channel in here.output_index]
     m = len(system.input_names)
     old_B, new_B = _spread(old.B, here.input_index, m), _spread(new.B, there.input_index, m)
     old_D, new_D = _spread(old.D, here.input_index, m), _spread(new.D[rows], there.input_index, m)
-    by_state = np.abs(old.A - new.A - gain @ (old.C - new.C[rows])) @ _bound_of(system.bounds.state, len(old.A))
-    by_input = np.abs(old_B - new_B - gain @ (old_D - new_D)) @ _bound_of(system.bounds.input, m)
-    return np.asarray(by_state + by_input + np.abs(old.f - new.f - gain @ (old.g - new.g[rows])))
+    parts = (
+        (old.A - new.A - gain @ (old.C - new.C[rows])) * _bound_of(system.bounds.state, len(old.A)),
+        (old_B - new_B - gain @ (old_D - new_D)) * _bound_of(system.bounds.input, m),
+        (old.E - new.E) * _bound_of(system.bounds.disturbance, new.E.shape[1]),
+        (old.f - new.f - gain @ (old.g - new.g[rows]))[:, None],
+    )
+    return np.hstack(parts)
 
 
 def _spread(matrix: FloatArray, index: tuple[int, ...], m: int) -> FloatArray:
@@ -131,4 +148,4 @@ def _grown(matrix: FloatArray, delay: float, step: float | None) -> tuple[FloatA
     return power - identity, total
 
 
-__all__ = ["Mismatch", "mismatches", "missing_bounds"]
+__all__ = ["Mismatch", "in_time", "mismatches", "missing_bounds"]

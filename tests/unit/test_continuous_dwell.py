@@ -12,7 +12,7 @@ from deshybrid.continuous.dwell import certify_dwell, certify_sampled, required_
 from deshybrid.continuous.entrywise import Stay, entrywise_bound
 from deshybrid.continuous.error import sampled_error_dynamics
 from deshybrid.continuous.gains import design_gains
-from deshybrid.continuous.mismatch import Mismatch
+from deshybrid.continuous.mismatch import Mismatch, in_time
 from deshybrid.continuous.modes import best_columns, condition, modal_basis
 from deshybrid.continuous.ultimate import ultimate_bound
 from deshybrid.diagnostics import UsageError
@@ -248,8 +248,7 @@ def test_an_iteration_that_grows_for_ever_ends_without_a_bound_and_without_a_war
 
 
 def mismatches_of(system: HybridSystem) -> tuple[Mismatch, ...]:
-    nothing = np.zeros(1)
-    return tuple(Mismatch(t.target, t.reset.matrix, nothing, nothing, nothing) for t in system.transitions if t.reset)
+    return tuple(in_time(t.target, t.reset.matrix) for t in system.transitions if t.reset)
 
 
 @pytest.mark.parametrize(("A", "step"), [([[1.0]], 1e20), ([[-1e30, 1e30], [-2e30, -3e30]], 0.01)])

@@ -1,0 +1,235 @@
+"""Where the error can be when a location is entered: polytopes, found by going down from a coarse bound.
+
+In: per location how the error flows (`Flow`) and what its exits cost, and a first set that holds every entry error
+that started from zero.  Out: bounds of the entry errors along directions d: d ζ <= level.  The idea: an entry error of
+i is R (e^{F t} ζ + what the disturbance adds + push) + extra, for an entry error ζ of some j and a stay t >= β; so its
+extent along d is at most
+
+    max over exits j -> i and stays t of  h_j(d R e^{F t}) + ∫_0^t ‖d R e^{F s} N‖₁ ds + |d R| push + |d| extra,
+
+where h_j(d) = max of d ζ over the set of j.  One such step takes sets that hold all entry errors into smaller sets
+that do; the steps are repeated until they no longer pay, and every one of them is a bound.  h_j is convex, so between
+two stays it is at most the larger of both plus what the row bends; sets are kept as polytopes, all of them symmetric.
+
+Up to four states the directions cover the sphere and h is the maximum over the polytope's corners; with more states
+the polytope is the intersection of a few parallelotopes, and h the least over these.  O(rounds · directions · times ·
+corners).
+
+Source: this project; support functions as in Girard and Le Guernic's reachability analysis of linear systems.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from deshybrid.continuous.impulse import peak_norm
+from deshybrid.continuous.mismatch import Mismatch, in_time
+from deshybrid.continuous.responses import Flow, bends, pushed, pushed_after, rest, rows_at, times_from
+from deshybrid.linear.arrays import FloatArray
+
+CORNERS_UP_TO = 4
+DIRECTIONS = {1: 1, 2: 16, 3: 60, 4: 120}
+FRAMES = 40
+LAYOUTS = 4
+MOST_ROUNDS = 60
+PAYS = 1e-3
+"""A round that lowers no level by this share is the last."""
+FLOOR = 1e-9
+"""Levels are kept above this share of those of the first set: a polytope needs an inside."""
+
+Levels: TypeAlias = Callable[[FloatArray], FloatArray]
+"""Bounds of d ζ for rows d (..., n): what is known of a set."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outer:
+    """A symmetric set {ζ: |d ζ| <= level for each direction d}; corners (V, n), or inverses of frames (f, n, n)."""
+
+    directions: FloatArray
+    levels: FloatArray
+    corners: FloatArray | None
+    inverses: FloatArray | None
+
+    def support(self, rows: FloatArray) -> FloatArray:
+        """Return a bound of d ζ over the set for rows d (..., n): exact by corners, else the least of |d M⁻¹| m."""
+        if self.corners is not None:
+            return np.asarray(np.abs(rows @ self.corners.T).max(axis=-1))
+        inverses = np.zeros((0, 1, 1)) if self.inverses is None else self.inverses
+        parts = zip(inverses, self.levels.reshape(len(inverses), -1), strict=True)
+        return np.asarray(np.min([np.abs(rows @ inverse) @ level for inverse, level in parts], axis=0))
+
+    def shape(self) -> FloatArray:
+        """Return units (n, n) in which the set is about as long in all directions."""
+        if self.corners is None:
+            return np.diag(self.support(np.eye(self.directions.shape[1])))
+        return np.asarray(np.linalg.cholesky(self.corners.T @ self.corners / len(self.corners)))
+
+    def lowered(self, levels: FloatArray) -> "Outer":
+        """Return the part of the set in which the levels are these, or as they were where that is less."""
+        least = np.minimum(levels, self.levels)
+        corners = None if self.corners is None else _corners(self.directions, least)
+        return Outer(self.directions, least, corners, self.inverses)
+
+
+class Exit(NamedTuple):
+    """One exit seen along the directions of its target; everything in it is free of the sets.
+
+    rows (K, T, n) = d R e^{F t} at the times of the stay; bends (K, T - 1, n) between them; rest (K, n) for all later
+    stays; pushed (K, T) = what the disturbance adds up to each time, and (K,) for ever; fixed (K,) = push and extra.
+    """
+
+    source: str
+    target: str
+    rows: FloatArray
+    bends: FloatArray
+    rest: FloatArray
+    pushed: FloatArray
+    for_ever: FloatArray
+    fixed: FloatArray
+
+
+def outer_set(shape: FloatArray, known: Levels) -> Outer:
+    """Return a polytope around a set of which `known` is known; its directions are even in the units `shape` (n, n).
+
+    >>> box = outer_set(np.eye(2), lambda rows: np.abs(rows).sum(axis=-1))
+    >>> box.support(np.array([[1.0, 0.0], [1.0, 1.0]])).round(6).tolist()
+    [1.0, 2.0]
+    """
+    n, inverse = len(shape), np.linalg.inv(shape)
+    if n <= CORNERS_UP_TO:
+        rows = np.vstack([np.eye(n), _sphere(n) @ inverse])
+        return Outer(rows, known(rows), _corners(rows, known(rows)), None)
+    frames = np.stack([np.eye(n), *(frame @ inverse for frame in _rotations(n))])
+    rows = frames.reshape(-1, n)
+    return Outer(rows, known(rows), None, np.linalg.inv(frames))
+
+
+def entry_sets(
+    flows: Mapping[str, Flow],
+    exits: Mapping[str, tuple[Mismatch, ...]],
+    known: Mapping[str, Levels],
+    beta: Mapping[str, float],
+) -> Mapping[str, Outer]:
+    """Return polytopes that hold every entry error that started from zero, for stays of at least beta (s).
+
+    `known` holds them already.  Directions that are even in units that do not fit leave the polytopes loose, so these
+    are laid out anew in the units of what was found, and all starts again from there.
+    """
+    times = {name: times_from(flow, beta[name]) for name, flow in flows.items()}
+    n = len(next(iter(flows.values())).modes.basis)
+    sets = {name: outer_set(np.diag(levels(np.eye(n))), levels) for name, levels in known.items()}
+    for _ in range(LAYOUTS):
+        sets = _went_down(flows, exits, times, sets)
+        sets = {name: outer_set(outer.shape(), outer.support) for name, outer in sets.items()}
+    return sets
+
+
+def _went_down(
+    flows: Mapping[str, Flow],
+    exits: Mapping[str, tuple[Mismatch, ...]],
+    times: Mapping[str, FloatArray],
+    first: Mapping[str, Outer],
+) -> dict[str, Outer]:
+    sets = dict(first)
+    seen = [
+        _exit(name, exit, flows[name], times[name], sets[exit.target].directions)
+        for name, leaving in exits.items()
+        for exit in leaving
+    ]
+    for _ in range(MOST_ROUNDS):
+        levels = {name: FLOOR * outer.levels for name, outer in first.items()}
+        for exit in seen:
+            levels[exit.target] = np.maximum(levels[exit.target], _level(exit, sets[exit.source]))
+        lower = {name: outer.lowered(levels[name]) for name, outer in sets.items()}
+        pays = any((lower[name].levels < (1 - PAYS) * sets[name].levels).any() for name in sets)
+        sets = lower
+        if not pays:
+            break
+    return sets
+
+
+def highest(flow: Flow, exits: tuple[Mismatch, ...], entered: Outer) -> FloatArray:
+    """Return a bound (n,) of each state's error during a stay that is entered with an error in `entered`.
+
+    The end of a stay counts, when the plant has jumped and the observer does not know yet.
+    """
+    n = len(flow.modes.basis)
+    states, times = np.eye(n), times_from(flow, 0.0)
+    during = _level(_exit("", in_time("", states), flow, times, states), entered)
+    peak = peak_norm(flow.modes.eigenvalues, flow.modes.basis, step=flow.step)
+    late = [during + peak @ exit.jump + _late_push(flow, states, exit) for exit in exits]
+    return np.asarray(np.max([during, *late], axis=0))
+
+
+def _exit(source: str, exit: Mismatch, flow: Flow, times: FloatArray, directions: FloatArray) -> Exit:
+    rows = directions @ exit.reset
+    upto, last = pushed(flow, rows, times), float(times[-1])
+    return Exit(
+        source=source,
+        target=exit.target,
+        rows=rows_at(flow, rows, times),
+        bends=bends(flow, rows, times),
+        rest=rest(flow, rows, last),
+        pushed=upto,
+        for_ever=upto[:, -1] + pushed_after(flow, rows, last),
+        fixed=_late_push(flow, rows, exit) + np.abs(directions) @ exit.extra,
+    )
+
+
+def _late_push(flow: Flow, rows: FloatArray, exit: Mismatch) -> FloatArray:
+    """What the model error adds along rows until the exit is detected (K,)."""
+    if not exit.drive.size:
+        return np.zeros(len(rows))
+    late = pushed(Flow(flow.modes, exit.drive, flow.step), rows, np.array([0.0, exit.delay]))[:, -1]
+    return np.minimum(late, np.abs(rows) @ exit.push)
+
+
+def _level(exit: Exit, entered: Outer) -> FloatArray:
+    """The step of the module's text, over the intervals between the times, and over all later ones."""
+    box = entered.support(np.eye(exit.rows.shape[2]))
+    at = entered.support(exit.rows)
+    between = np.maximum(at[:, :-1], at[:, 1:]) + exit.bends @ box + exit.pushed[:, 1:]
+    later = exit.rest @ box + exit.for_ever
+    return np.asarray(np.maximum(between.max(axis=1, initial=0.0), later) + exit.fixed)
+
+
+def _sphere(n: int) -> FloatArray:
+    """Directions that cover half of the sphere: all round for two states, else seeded and pushed apart."""
+    count = DIRECTIONS[n]
+    if n == 1:
+        return np.ones((1, 1))
+    if n == 2:
+        angles = np.pi * np.arange(count) / count
+        return np.column_stack([np.cos(angles), np.sin(angles)])
+    points = np.random.default_rng(n).normal(size=(count, n))
+    for _ in range(60):
+        points /= np.linalg.norm(points, axis=1, keepdims=True)
+        both = np.vstack([points, -points])
+        apart = points[:, None] - both[None]
+        distance = np.linalg.norm(apart, axis=2, keepdims=True)
+        points = points + (apart / np.where(distance > 0, distance, np.inf) ** 3).sum(axis=1) * 0.1 / count
+    return np.asarray(points / np.linalg.norm(points, axis=1, keepdims=True))
+
+
+def _rotations(n: int) -> FloatArray:
+    """Seeded rotations of the coordinates (f, n, n)."""
+    return np.linalg.qr(np.random.default_rng(n).normal(size=(FRAMES, n, n)))[0]
+
+
+def _corners(directions: FloatArray, levels: FloatArray) -> FloatArray:
+    """The corners of {|d ζ| <= level}; in one dimension an interval's end."""
+    if directions.shape[1] == 1:
+        return np.asarray([[float((levels / np.abs(directions[:, 0])).min())]])
+    from scipy.spatial import ConvexHull
+
+    # The polar of the polytope is the hull of d/level; each of its facets is a corner.
+    points = directions / levels[:, None]
+    size = np.abs(points).max(axis=0)
+    hull = ConvexHull(np.vstack([points, -points]) / size)
+    corners = -hull.equations[:, :-1] / hull.equations[:, -1:] / size
+    return np.asarray(corners)
+
+
+__all__ = ["Outer", "entry_sets", "highest", "outer_set"]
