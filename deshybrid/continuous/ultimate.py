@@ -145,7 +145,8 @@ def _none(certificate: DwellTimeCertificate, reason: str) -> UltimateBound:
 
 def _reason(system: HybridSystem, delay: float) -> str:
     noise = "" if system.bounds.measurement is not None else ", measurements taken as exact (no bound stated)"
-    return f"{'equation (31)' if delay == 0 else 'equation (49), its lemma repaired'}, state by state{noise}"
+    start = "equation (31)" if delay == 0 else "equation (49), its lemma repaired"
+    return f"{start}, tightened by reachable sets{noise}"
 
 
 def _scales(system: HybridSystem, gains: ObserverGains, certificate: DwellTimeCertificate) -> tuple[FloatArray, ...]:
