@@ -8,7 +8,7 @@ components, joined by `+`.
 
 In: components.  Out: successors of a state, a shortest run to a state that is looked for, or the whole as a `DES`.
 Cost: linear in the states and joint transitions that are looked at; there are up to ∏|Q_i| states.
-Source: Cassandras and Lafortune (2021), section 2.3.2.
+Source: Cassandras and Lafortune (2021).
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -203,7 +203,7 @@ class _Starts:
 def parallel(first: DES, *others: DES, max_states: int | None = 100_000) -> DES:
     """Return the parallel composition: common events happen together, private ones alone; see `Composition`.
 
-    Up to ∏|Q_i| locations, linear in what is built.  Source: Cassandras and Lafortune (2021), section 2.3.2.
+    Up to ∏|Q_i| locations, linear in what is built.  Source: Cassandras and Lafortune (2021).
     Raises `LimitReached` (DH0901), `UsageError` (DH0421).
 
     >>> one = DES.from_transitions([("1", "a", "2", "α"), ("2", "both", "1", "β")], initial=["1"])

@@ -6,7 +6,7 @@ location from which the word can be shown.  Both are empty after a word that the
 
 In: a `DES`.  Out: estimates along a word, or the moves of the observer of closed estimates.
 Idea: bit masks; silent reach is searched once a location.  Cost: |Q| · |δ| once, then |Q|² / 64 an output at most.
-Source: Cassandras and Lafortune (2021), section 2.3.4; Saboori and Hadjicostis (2013) for initial-state estimates.
+Source: Cassandras and Lafortune (2021); Saboori and Hadjicostis (2013) for initial-state estimates.
 """
 
 from collections.abc import Iterable, Iterator
@@ -84,7 +84,7 @@ def current_estimates(des: DES, outputs: Iterable[Output | str]) -> tuple[tuple[
     """Return the current estimates along a word: the one before any output, then one after each.
 
     An output may be given as text, as `str(Output)` writes it.  |Q|² / 64 an output at most.
-    Source: Cassandras and Lafortune (2021), section 2.3.4.
+    Source: Cassandras and Lafortune (2021).
 
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "3", None), ("3", "c", "3", "γ")], initial=["1"])
     >>> current_estimates(des, ["α", "γ", "α"])

@@ -7,7 +7,7 @@ In: a `DES`.  Out: a `DeterministicAutomaton`, or whether languages are included
 breaks it.  Idea: the subset construction over closed estimates, minimised by refinement (Moore); inclusion by pairs of
 a location of the one and a set of the other, so that only one side is determinised.
 Cost: up to 2^|Q| states where a side is determinised, which no method avoids in the worst case.
-Source: Hopcroft, Motwani and Ullman (2006), sections 2.3 and 4.4; Moore (1956).
+Source: Hopcroft, Motwani and Ullman (2006); Moore (1956).
 """
 
 from collections.abc import Iterable, Iterator
@@ -79,7 +79,7 @@ def determinise(
 
     Accepting are the estimates with a `marked` location, all where none is given.  Up to 2^|Q| states.
     Raises `LimitReached` (DH0901) beyond `max_states`, `UsageError` (DH0404).
-    Source: Hopcroft, Motwani and Ullman (2006), section 2.3.5.
+    Source: Hopcroft, Motwani and Ullman (2006), the subset construction.
 
     >>> des = DES.from_transitions([("1", "a", "1", "α"), ("1", "a", "2", "α"), ("2", "b", "1", None)], initial=["2"])
     >>> automaton = determinise(des)
@@ -98,7 +98,7 @@ def minimise(automaton: DeterministicAutomaton) -> DeterministicAutomaton:
 
     States from which nothing is accepted are dropped (the initial one stays), and so is what cannot be reached.  States
     are numbered by breadth-first search, outputs by their text, so that equal languages give equal `transitions` and
-    `accepting`.  At most n rounds over all transitions.  Source: Moore (1956); Hopcroft et al. (2006), section 4.4.
+    `accepting`.  At most n rounds over all transitions.  Source: Moore (1956); Hopcroft, Motwani and Ullman (2006).
 
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "a", "1", "α"), ("1", "b", "3", None)], initial=["1"])
     >>> len(determinise(des).states), len(minimise(determinise(des)).states)
@@ -157,7 +157,7 @@ def included(
 
     Marked locations restrict a language to the words of runs that end there.  Up to |Q₁| · 2^|Q₂| states, found on the
     fly; the problem is PSPACE-complete.  Raises `LimitReached` (DH0901), `UsageError` (DH0404).
-    Source: Hopcroft, Motwani and Ullman (2006), section 4.4, with only one side determinised.
+    Source: Hopcroft, Motwani and Ullman (2006), with only one side determinised.
 
     >>> one = DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", "β")], initial=["1"])
     >>> two = DES.from_transitions([("x", "a", "x", "α"), ("x", "b", "x", "β")])

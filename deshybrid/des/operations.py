@@ -2,7 +2,7 @@
 
 In: a `DES`, and names of its locations or events.  Out: a `DES`; order of declaration is kept.
 Idea: reachability by the worklist, everything else arc by arc.  Cost: linear in locations plus transitions.
-Source: Cassandras and Lafortune (2021), section 2.3.1 (Ac, CoAc, Trim), section 2.3.2 (projection).
+Source: Cassandras and Lafortune (2021): Ac, CoAc, Trim, projection.
 """
 
 from collections.abc import Collection, Iterable
@@ -16,7 +16,7 @@ from deshybrid.des.runs import known_events, known_locations
 def accessible(des: DES) -> DES:
     """Return the part that runs can visit: locations reachable from the initial set, and transitions between them.
 
-    Linear.  Source: Cassandras and Lafortune (2021), section 2.3.1.
+    Linear.  Source: Cassandras and Lafortune (2021).
 
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("3", "a", "1", "α")], initial=["1"])
     >>> accessible(des).locations
@@ -29,7 +29,7 @@ def coaccessible(des: DES, *, marked: Iterable[str]) -> DES:
     """Return the part from which a `marked` location can be reached; it may be empty.
 
     Linear.  Where some, but no initial location is left, all that are left count as initial, as in every `DES`.
-    Raises `UsageError` (DH0404).  Source: Cassandras and Lafortune (2021), section 2.3.1.
+    Raises `UsageError` (DH0404).  Source: Cassandras and Lafortune (2021).
 
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("1", "a", "3", "α")], initial=["1"])
     >>> coaccessible(des, marked=["3"]).locations
@@ -42,7 +42,7 @@ def coaccessible(des: DES, *, marked: Iterable[str]) -> DES:
 def trim(des: DES, *, marked: Iterable[str]) -> DES:
     """Return the part that lies on runs from an initial to a `marked` location: accessible and coaccessible.
 
-    Linear.  Raises `UsageError` (DH0404).  Source: Cassandras and Lafortune (2021), section 2.3.1.
+    Linear.  Raises `UsageError` (DH0404).  Source: Cassandras and Lafortune (2021).
 
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("1", "a", "3", "α"), ("4", "b", "3", "β")], initial=["1"])
     >>> trim(des, marked=["3"]).locations
@@ -84,7 +84,7 @@ def project(des: DES, events: Iterable[str]) -> DES:
     """Return the natural projection onto `events`: each of them is seen by its own name, all others show nothing.
 
     Linear; `determinise` then removes what is silent.  Raises `UsageError` (DH0420) on an event that no transition has.
-    Source: Cassandras and Lafortune (2021), section 2.3.2.
+    Source: Cassandras and Lafortune (2021).
 
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", "β")])
     >>> [str(arc) for arc in project(des, ["b"]).transitions]

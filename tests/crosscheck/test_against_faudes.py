@@ -13,7 +13,7 @@ import pytest
 
 from deshybrid.des.automaton import DES, Transition
 from deshybrid.des.composition import parallel, product
-from deshybrid.des.diagnosability import diagnosability
+from deshybrid.des.faults import diagnosability
 from deshybrid.des.languages import DeterministicAutomaton, determinise, equivalent, included, minimise
 from deshybrid.des.operations import accessible, project, trim
 

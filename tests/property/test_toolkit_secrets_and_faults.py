@@ -7,8 +7,8 @@ from itertools import pairwise
 import pytest
 
 from deshybrid.des.automaton import DES, Transition
-from deshybrid.des.diagnosability import diagnosability, predictability
 from deshybrid.des.estimates import current_estimates, initial_estimates
+from deshybrid.des.faults import diagnosability, predictability
 from deshybrid.des.opacity import current_state_opacity, initial_state_opacity
 from deshybrid.des.twins import TwinWitness
 from deshybrid.des.witness import Step

@@ -7,7 +7,7 @@ import pytest
 from deshybrid.des.automaton import DES
 from deshybrid.des.composition import Composition
 from deshybrid.des.detectability import strong_detectability
-from deshybrid.des.diagnosability import diagnosability, predictability
+from deshybrid.des.faults import diagnosability, predictability
 from deshybrid.diagnostics import LimitReached, UsageError
 from tests import naive_toolkit as naive
 from tests.strategies import random_des

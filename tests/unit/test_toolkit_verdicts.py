@@ -11,7 +11,7 @@ from deshybrid.des.detectability import (
     weak_detectability,
     weak_periodic_detectability,
 )
-from deshybrid.des.diagnosability import diagnosability, predictability
+from deshybrid.des.faults import diagnosability, predictability
 from deshybrid.des.opacity import current_state_opacity, initial_state_opacity
 from deshybrid.diagnostics import LimitReached, UsageError
 
