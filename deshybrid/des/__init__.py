@@ -42,7 +42,7 @@ _MODULES = {  # of each module all that it calls its own
     "signatures": "Candidate Signature SignaturePlan recover_observability",
 }
 _HOMES = {name: module for module, names in _MODULES.items() for name in names.split()}
-__all__ = [*sorted(_HOMES)]
+__all__ = sorted(_HOMES)  # noqa: PLE0605
 
 
 if not TYPE_CHECKING:  # a type checker would take it that every name is here

@@ -42,16 +42,14 @@ def words_by_line(source: SourceText, comment: str = "") -> Iterator[list[Word]]
     >>> [[word.text for word in line] for line in words_by_line(SourceText("a.fsm", "2\\n\\nA 1  0"))]
     [['2'], [], ['A', '1', '0']]
     """
-    count = 0
+    if len(source.text.split()) > MOST_WORDS:
+        raise mistake("DH1011", f"the file has more than {MOST_WORDS} words", Span(source, 1, 1))
     for number, line in enumerate(source.text.split("\n"), start=1):
         text, words, column = line.split(comment, 1)[0] if comment else line, [], 0
         for part in text.split():
-            count += 1
             column = text.index(part, column)
             words.append(Word(part, Span(source, number, column + 1, len(part))))
             column += len(part)
-        if count > MOST_WORDS:
-            raise mistake("DH1011", f"the file has more than {MOST_WORDS} words", words[-1].span)
         yield words
 
 
