@@ -34,7 +34,8 @@ _MODULES = {  # of each module all that it calls its own
     "estimates": "ClosedSets closed_sets current_estimates initial_estimates",
     "faults": "FaultReport diagnosability predictability",
     "languages": "DeterministicAutomaton LanguageReport determinise equivalent included minimise",
-    "observability": "C2Failure Method ObservabilityReport Step Witness check_observability verdict_diagnostics",
+    "observability": "C2Failure Method ObservabilityReport Step Undecided UndecidedCheck Witness "
+    "check_observability verdict_diagnostics",
     "observer": "LocationObserver build_location_observer entry_estimates",
     "opacity": "OpacityReport current_state_opacity initial_state_opacity",
     "operations": "accessible coaccessible hide project reverse trim",

@@ -141,8 +141,10 @@ class Builder:
         """Return what was read, or raise all mistakes; rows with equal source, event and target join their outputs."""
         ends = (word for row in self.rows for word in (row.source, row.target))
         self._check_known([*self.initial.values(), *self.marked.values(), *ends])
+        place = Span(self.source, 1, 1, max(1, len(self.source.line(1))))
+        if name and reason_against(name):
+            self.report("DH1015", "the name of the system cannot be used", place, reason_against(name))
         if not self.initial and not self.problems.found:
-            place = Span(self.source, 1, 1, max(1, len(self.source.line(1))))
             self.report("DH1006", "no initial location is given", place)
         self.problems.raise_all(FormatError)
         outputs: dict[tuple[str, str, str], dict[str | None, Span]] = {}

@@ -6,7 +6,7 @@ Both the checks of `decode` and the JSON Schema of `schema` are driven by these 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-Role: TypeAlias = Literal["location", "state", "input", "output", "disturbance", "event", "discrete output"]
+Role: TypeAlias = Literal["model", "location", "state", "input", "output", "disturbance", "event", "discrete output"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -223,7 +223,7 @@ MODEL = Record(
     "a model file of deshybrid",
     (
         Key("format", Word((FORMAT,)), "the version of this language", required=True),
-        Key("name", Text(), "a short name; the file's name where not written"),
+        Key("name", Name("model", declares=True), "a short name; the file's name where not written"),
         Key("summary", Text(), "one sentence"),
         Key("source", Text(), "where the numbers come from"),
         Key("parameters", Definitions(), "names for numbers, or for arithmetic in the names before"),
