@@ -4,7 +4,7 @@ In: a `Compilation` and the user's wishes.  Out: the bytes of every file by its 
 a failure leaves no half of a folder.  Where no observer exists, there is only the report with its drawings.
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -51,7 +51,7 @@ def files(made: Compilation, wishes: Wishes = Wishes()) -> dict[str, bytes]:
         texts |= _code(made.observer.tables, wishes, prefix, origin)
     names = (*texts, "report.html", "report.json", "MANIFEST.json")
     texts["report.html"] = emit_report(_content(made, wishes, prefix, origin, names))
-    texts["report.json"] = to_json(record(made))
+    texts["report.json"] = to_json(record(made, wishes))
     texts["MANIFEST.json"] = to_json(_manifest(made, wishes, origin, names))
     return {name: text if isinstance(text, bytes) else text.encode() for name, text in texts.items()}
 
@@ -113,21 +113,44 @@ def provenance(made: Compilation) -> Provenance:
         sha256="none" if source is None else source.sha256,
         tool_version=version("deshybrid"),
         certificate=tuple(claims),
+        notes=_tracker_notes(made),
     )
 
 
-def record(made: Compilation) -> dict[str, object]:
+def _tracker_notes(made: Compilation) -> tuple[str, ...]:
+    if made.observer is None or made.observer.tables.online is None:
+        return ()
+    return (f"It runs on line because a table of its location observer has more than {made.observer.max_states} states.",)
+
+
+def record(made: Compilation, wishes: Wishes = Wishes()) -> dict[str, object]:
     """Return what `report.json` holds and `compile --json` prints: verdict, recovery, design, the observer."""
-    recovery, observer = made.design.recovery, made.observer
+    recovery = made.design.recovery
     return {
         "format": "deshybrid-report/1",
         "check": check_record(recovery.check),
         "recover": recover_record(recovery.plan, recovery.feasibility),
         "design": None if made.design.gains is None else made.design.document(),
-        "observer": None
-        if observer is None
-        else {"states": len(observer.tables.tracker), "step": observer.tables.step, "certified": made.design.certified},
+        "observer": _observer_record(made, wishes),
         "problems": [{"code": d.code, "severity": d.severity, "message": d.message} for d in made.diagnostics],
+    }
+
+
+def _observer_record(made: Compilation, wishes: Wishes) -> dict[str, object] | None:
+    """How the observer runs and what one step of the generated C costs; `states` is null where it runs on line."""
+    from deshybrid.emit.ctables import c_tables, cost
+
+    if made.observer is None:
+        return None
+    tables = made.observer.tables
+    price = cost(tables, c_tables(tables, wishes.real), wishes.real)
+    return {
+        "states": len(tables.tracker) if tables.online is None else None,
+        "step": tables.step,
+        "certified": made.design.certified,
+        "tracker": "table" if tables.online is None else "online",
+        "tracker_reason": made.observer.tracker_reason,
+        "cost": asdict(price),
     }
 
 
@@ -202,6 +225,7 @@ def _options(made: Compilation, wishes: Wishes) -> dict[str, object]:
         "step": made.design.step,
         "rate": None if gains is None else gains.rate,
         "dwell": None if gains is None else gains.dwell,
+        "max_states": None if made.observer is None else made.observer.max_states,
     }
 
 

@@ -23,6 +23,7 @@ from deshybrid.diagnostics import (
     diagnostic,
     render_all,
 )
+from deshybrid.observer import MAX_TABLE
 
 if TYPE_CHECKING:
     from deshybrid.des.automaton import DES
@@ -55,6 +56,9 @@ Output = Annotated[Path | None, typer.Option("-o", "--output", help="write the r
 ReadAs = Annotated[str | None, typer.Option("--from", help="format of MODEL, as of `convert`; default: its suffix")]
 AsJson = Annotated[bool, typer.Option("--json", help="write JSON")]
 MaxStates = Annotated[int, typer.Option(min=1, help="stop with exit code 3 beyond this many observer states")]
+TableStates = Annotated[
+    int, typer.Option(min=1, help="the most states of a tabulated location observer; beyond them it runs on line")
+]
 Timeout = Annotated[
     float | None, typer.Option(min=0.001, max=1e7, help="stop with exit code 3 after this many seconds")
 ]
@@ -223,7 +227,7 @@ def compile_model(
     rate: Rate = None,
     dwell: DwellTime = None,
     step: Step = None,
-    max_states: MaxStates = 100_000,
+    max_states: TableStates = MAX_TABLE,
     timeout: Timeout = None,
     max_memory: MaxMemory = None,
     read_as: ReadAs = None,
@@ -242,7 +246,7 @@ def compile_model(
         made = compiler.compile(_read(model, read_as), rate=rate, dwell=dwell, step=step, max_states=max_states)
         files = bundle.files(made, wishes)
     write_tree(folder, files)
-    _write(None, to_json(bundle.record(made)) if as_json else f"{made}\n{_listing(folder, files)}")
+    _write(None, to_json(bundle.record(made, wishes)) if as_json else f"{made}\n{_listing(folder, files)}")
     _say(made.diagnostics)
     _finish(made.certified)
 
@@ -258,6 +262,7 @@ def run(
     rate: Rate = None,
     dwell: DwellTime = None,
     step: Step = None,
+    max_states: TableStates = MAX_TABLE,
     read_as: ReadAs = None,
     as_json: AsJson = False,
     output: Output = None,
@@ -270,7 +275,7 @@ def run(
     from deshybrid.simulate.trace import read_trace
 
     with working("running"):
-        made = compiler.compile(_read(model, read_as), rate=rate, dwell=dwell, step=step)
+        made = compiler.compile(_read(model, read_as), rate=rate, dwell=dwell, step=step, max_states=max_states)
         if made.observer is None:
             _say(made.diagnostics)
             _finish(False)

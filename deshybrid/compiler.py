@@ -24,6 +24,7 @@ from deshybrid.formats.reading import read_system
 from deshybrid.model.abstraction import abstract, discrete_model
 from deshybrid.model.system import HybridSystem
 from deshybrid.model.timing import sampling_step
+from deshybrid.observer import MAX_TABLE
 
 if TYPE_CHECKING:
     from deshybrid.continuous.cycles import DwellLowerLimit
@@ -205,7 +206,8 @@ class Compilation(Explained):
         return f"<Compilation of {self.design.system.name}: {self.observer!r}, certified={self.certified}>"
 
     def __str__(self) -> str:
-        return f"{self.design.recovery.check}\n{self.design.recovery}\n{self.design}"
+        text = f"{self.design.recovery.check}\n{self.design.recovery}\n{self.design}"
+        return text if self.observer is None else f"{text}\n  location observer: {self.observer.tracker_reason}"
 
 
 def to_system(source: Source) -> HybridSystem | DES:
@@ -359,11 +361,12 @@ def compile(
     rate: float | None = None,
     dwell: float | None = None,
     step: float | None = None,
-    max_states: int = MAX_STATES,
+    max_states: int = MAX_TABLE,
 ) -> Compilation:
     """Carry a model through all stages to the hybrid observer that runs.  Stage 9.
 
-    A purely discrete model gives an observer of the location alone, one tick a row.
+    A purely discrete model gives an observer of the location alone, one tick a row.  The location observer becomes a
+    table of up to `max_states` states; where there are more, it runs on line, with the same estimates.
     Source: Balluchi et al. (2012), sections 3.2 and 4.2.
 
     >>> made = compile("models/balluchi2012/fig2.yaml")

@@ -5,6 +5,7 @@ Append your own section; nothing here may depend on the order in which tests run
 
 import math
 import random
+from typing import Literal
 
 import numpy as np
 from hypothesis import strategies as st
@@ -12,6 +13,8 @@ from hypothesis import strategies as st
 from deshybrid.des.automaton import DES, Transition
 from deshybrid.des.candidates import Candidate
 from deshybrid.des.composition import Composition
+from deshybrid.des.observability import check_observability
+from deshybrid.des.signatures import Signature, SignaturePlan
 from deshybrid.formats.document import Document, Event
 from deshybrid.linear.dynamics import LinearDynamics
 from deshybrid.model.predicates import Affine, And
@@ -77,6 +80,28 @@ def systems(draw: st.DrawFn, *, locations: int = 5, transitions: int = 8) -> DES
     arcs = tuple(draw(st.lists(arc, max_size=transitions)))
     initial = tuple(draw(st.lists(st.sampled_from(names), max_size=len(names), unique=True)))
     return DES(names, arcs, initial, "random")
+
+
+def random_plan(rng: random.Random, *, negations: bool = False, locations: int = 5) -> SignaturePlan:
+    """Some transitions carry the signature of their target; nothing says that they recover observability.
+
+    With `negations`, some signatures come by negation, and other locations may have a generator.
+    """
+    des = living(random_des(rng, locations=locations, transitions=2 * locations - 1))
+    marked = [number for number in range(len(des.transitions)) if rng.random() < 0.4]
+    signatures, generators = [], []
+    for location in des.locations:
+        own = tuple(number for number in marked if des.transitions[number].target == location)
+        by: Literal["residual", "negation"] = "negation" if negations and rng.random() < 0.4 else "residual"
+        if own:
+            signatures.append(Signature(f"s_{location}", location, own, by))
+        if (own and by == "residual") or (negations and rng.random() < 0.5):
+            generators.append(location)
+    complementary = des.with_signatures({n: s.name for s in signatures for n in s.transitions})
+    report = check_observability(complementary)
+    return SignaturePlan(
+        des, True, False, tuple(signatures), tuple(generators), 0.0, 0.0, False, (), None, complementary, report
+    )
 
 
 @st.composite

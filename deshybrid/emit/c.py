@@ -12,7 +12,8 @@ from math import isinf, isnan
 from typing import TYPE_CHECKING, Any
 
 from deshybrid.diagnostics import UsageError, diagnostic
-from deshybrid.emit.ctables import Cost, Real, c_tables, cost, index_type
+from deshybrid.emit.conline import layout, words
+from deshybrid.emit.ctables import Cost, Real, c_tables, cost
 from deshybrid.emit.identifiers import (
     c_comment,
     c_real,
@@ -22,7 +23,7 @@ from deshybrid.emit.identifiers import (
     markdown_code,
     unique_identifiers,
 )
-from deshybrid.emit.provenance import Provenance, banner, certificate_lines
+from deshybrid.emit.provenance import Provenance, banner, certificate_lines, tracker_fact
 from deshybrid.emit.vectors import Vector, record_vectors
 from deshybrid.observer import reference
 from deshybrid.observer.tables import STATUS_NAMES, StepTables
@@ -119,6 +120,7 @@ def _context(tables: StepTables, prefix: str, real: Real, origin: Provenance) ->
     """All that the templates print."""
     printed = c_tables(tables, real)
     vectors = record_vectors(tables, seed=_SEED, count=_SAMPLES, real=real, reset_every=_SAMPLES // 2)
+    rows = {entered: row for row, entered in enumerate(dict.fromkeys(vector.entry_estimate for vector in vectors))}
     facts = _facts(tables, origin, real, cost(tables, printed, real))
     spoken = _spoken_names(tables)
     return {
@@ -144,13 +146,13 @@ def _context(tables: StepTables, prefix: str, real: Real, origin: Provenance) ->
         "generator_count": len(tables.generators.locations),
         "reset_count": len(tables.reset_matrix),
         "tables": printed,
-        "index_type": index_type(tables),
         "initial": tables.initial,
         "restart": tables.restart,
+        "online": None if tables.online is None else layout(tables.online),
         "window_ticks": tables.window_ticks,
         "largest": c_real(reference.LARGEST, real),
-        "entry_rows": [_entry_row(state.entry_estimate, len(tables.location_names)) for state in tables.tracker],
-        "vectors": [_vector(vector, tables, real) for vector in vectors],
+        "entry_rows": [_entry_row(entered, len(tables.location_names)) for entered in rows],
+        "vectors": [_vector(vector, rows[vector.entry_estimate], real) for vector in vectors],
     }
 
 
@@ -166,28 +168,28 @@ def _facts(tables: StepTables, origin: Provenance, real: Real, price: Cost) -> l
     named = (*tables.location_names, *tables.event_names, *tables.signature_names)
     text = sum(len(name.encode("utf-8", "surrogatepass")) + 1 for name in named)
     return [
-        f"Location observer: {len(tables.tracker)} states, {len(tables.location_names)} locations, "
+        f"Location observer: {tracker_fact(tables)}, {len(tables.location_names)} locations, "
         f"{len(tables.event_names)} events, {len(tables.signature_names)} signatures, "
         f"{len(tables.generators.locations)} residual generators.",
         f"Continuous observer: n = {n}, m = {m}, p = {p}, step {tables.step!r} s, {real}.  No heap.",
         *certificate_lines(origin, n),
-        f"One step: at most {price.multiplications} multiplications and {price.additions} additions.",
+        f"One step: at most {price.multiplications} multiplications and {price.additions} additions"
+        f"{f', {price.memberships} looks into the set of pairs' if price.memberships else ''}.",
         f"Memory: {price.state_bytes} bytes of state, {price.table_bytes} bytes of tables, {text} bytes of names.",
         *origin.notes,
     ]
 
 
 def _entry_row(locations: Sequence[int], count: int) -> str:
-    return ", ".join("1" if location in locations else "0" for location in range(count))
+    return ", ".join(words(sum(1 << location for location in locations), -(-count // 32)))
 
 
-def _vector(vector: Vector, tables: StepTables, real: Real) -> str:
+def _vector(vector: Vector, entry: int, real: Real) -> str:
     """One initialiser of the self-test's `vector_t`."""
 
     def reals(values: Sequence[float]) -> str:
         return "{" + ", ".join(_sampled(value, real) for value in values or (0.0,)) + "}"
 
-    entry = vector.tracker
     numbers = (vector.location, vector.signature, vector.status, entry, int(vector.reset))
     head = f"{{{reals(vector.input)}, {reals(vector.output)}, {vector.event}}}"
     return f"{{{head}, {reals(vector.x)}, {', '.join(map(str, numbers))}}}"

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any, Literal
 
+from deshybrid.emit.conline import layout, memberships, online_rows
 from deshybrid.emit.identifiers import c_real
 from deshybrid.observer.tables import StepTables, plain_tables
 
 Real = Literal["double", "float"]
-_SIZES = {"double": 8, "float": 4, "int16_t": 2, "int32_t": 4, "uint8_t": 1}
+_SIZES = {"double": 8, "float": 4, "uint32_t": 4, "int32_t": 4, "uint16_t": 2, "int16_t": 2, "uint8_t": 1}
 _LINE = 110
 
 
@@ -36,12 +37,16 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What one observer costs on a target with natural alignment; the operations are the worst case of one step."""
+    """What one observer costs on a target with natural alignment; the operations are the worst case of one step.
+
+    `memberships`: looks into the sets of an on-line tracker; a table takes none.
+    """
 
     state_bytes: int
     table_bytes: int
     multiplications: int
     additions: int
+    memberships: int = 0
 
 
 def index_type(tables: StepTables) -> str:
@@ -68,10 +73,18 @@ def c_tables(tables: StepTables, real: Real) -> tuple[Table, ...]:
     plain: dict[str, Any] = plain_tables(tables)
     numbers = (*_flow_numbers(plain), *_generator_numbers(plain["generators"]))
     index = index_type(tables)
-    return (
+    common = (
         *(_table(name, real, meaning, _written(rows, real)) for name, meaning, rows in numbers),
         *(_table(name, "int32_t", meaning, _integers(rows)) for name, meaning, rows in _ticks(plain["generators"])),
         *(_table(name, "uint8_t", meaning, _integers(rows)) for name, meaning, rows in _flags(tables)),
+        *(_table(name, index, meaning, _integers(rows)) for name, meaning, rows in _resets(tables)),
+    )
+    if tables.online is not None:
+        rows = online_rows(tables.online, tables.initial, tables.restart)
+        return *common, *(_table(name, type_, meaning, entries) for name, type_, meaning, entries in rows)
+    return (
+        *common,
+        *(_table(name, "uint8_t", meaning, _integers(rows)) for name, meaning, rows in _marks(tables)),
         *(_table(name, index, meaning, _integers(rows)) for name, meaning, rows in _tracker(tables)),
         *(_table(name, index, meaning, _integers(rows)) for name, meaning, rows in _candidates(tables)),
     )
@@ -90,20 +103,27 @@ def cost(tables: StepTables, printed: Iterable[Table], real: Real) -> Cost:
     0
     """
     n, m, p = len(tables.state_names), len(tables.input_names), len(tables.output_names)
+    online = tables.online
     generators, resets = len(tables.generators.locations), 2 if len(tables.reset_matrix) else 0
     products = (generators + 1) * n * (n + m + p) + generators * (n * p + p * (n + m)) + resets * n * n
     return Cost(
-        state_bytes=_state_bytes(n, m + p, generators, _SIZES[real]),
+        state_bytes=_state_bytes(n, m + p, generators, _SIZES[real], 1 if online is None else layout(online).members),
         table_bytes=sum(table.bytes for table in printed),
         multiplications=products + generators * p,
         additions=products + generators * p,
+        memberships=0 if online is None else memberships(online),
     )
 
 
-def _state_bytes(n: int, channels: int, generators: int, real: int) -> int:
+def _state_bytes(n: int, channels: int, generators: int, real: int, tracker: int) -> int:
     """The size of the state structure of `templates/c/header.h.j2`: (size, number) of its members in their order."""
     one = max(generators, 1)
-    members = [(real, max(n, 1) + max(generators * n, 1) + max(channels, 1)), (8, 1), (4, 4 + one), (1, 4 * one + 1)]
+    members = [
+        (real, max(n, 1) + max(generators * n, 1) + max(channels, 1)),
+        (8, 1),
+        (4, tracker + 3 + one),
+        (1, 5 * one + 1),
+    ]
     end = 0
     for size, number in members:
         end = -(-end // size) * size + size * number
@@ -142,13 +162,19 @@ def _ticks(generators: Sequence[dict[str, Any]]) -> _Rows:
 
 def _flags(tables: StepTables) -> _Rows:
     yield "flow_defined", "by location: it has a continuous observer", [tables.flow.defined]
+
+
+def _resets(tables: StepTables) -> _Rows:
+    yield "reset_index", "from location, to location: reset, -1 = keep the estimate", tables.reset_index
+
+
+def _marks(tables: StepTables) -> _Rows:
     yield "tracker_provisional", "by state: a signature is due", [[s.provisional for s in tables.tracker]]
 
 
 def _tracker(tables: StepTables) -> _Rows:
     states = tables.tracker
     entries = [state.entry_estimate for state in states]
-    yield "reset_index", "from location, to location: reset, -1 = keep the estimate", tables.reset_index
     yield "restart_on_event", "by event: state after an event that nothing explains", [tables.restart_on_event]
     yield "tracker_location", "by state: the location where it is known, else -1", [[s.location for s in states]]
     yield "tracker_on_event", "by state, by event: state, -1 = nothing explains it", [s.on_event for s in states]

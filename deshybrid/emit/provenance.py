@@ -3,8 +3,12 @@
 import textwrap
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from deshybrid.emit.identifiers import ascii_text
+
+if TYPE_CHECKING:
+    from deshybrid.observer.tables import StepTables
 
 _WIDTH = 112
 
@@ -36,6 +40,18 @@ def certificate_lines(origin: Provenance, states: int) -> tuple[str, ...]:
     """
     none = ("No certificate holds for the continuous observer.",) if states > 0 else ()
     return origin.certificate or none
+
+
+def tracker_fact(tables: "StepTables") -> str:
+    """Return how the location observer of these tables runs, in a few words.
+
+    >>> from deshybrid.compiler import compile
+    >>> tracker_fact(compile("models/balluchi2012/fig2.yaml").observer.tables)
+    '5 states'
+    """
+    if tables.online is None:
+        return f"{len(tables.tracker)} state{'' if len(tables.tracker) == 1 else 's'}"
+    return f"on line, a set of up to {tables.online.pairs} pairs (location, signature due)"
 
 
 def banner(origin: Provenance, facts: Iterable[str]) -> list[str]:

@@ -10,11 +10,14 @@ from importlib import resources
 from typing import Any
 
 from deshybrid.emit.identifiers import check_prefix
-from deshybrid.emit.provenance import Provenance, banner, certificate_lines
+from deshybrid.emit.provenance import Provenance, banner, certificate_lines, tracker_fact
 from deshybrid.emit.vectors import Vector, record_vectors
+from deshybrid.observer.online import OnlineTracker
 from deshybrid.observer.tables import STATUS_NAMES, StepTables, plain_tables
+from deshybrid.observer.tabulated import TabulatedTracker
 
 _SAMPLES, _SEED, _WIDTH = 400, 1, 112
+_LONG = 64  # bits
 
 
 def emit_python(tables: StepTables, *, prefix: str, provenance: Provenance) -> dict[str, str]:
@@ -55,20 +58,23 @@ def _context(tables: StepTables, prefix: str, origin: Provenance) -> Mapping[str
     return {
         "p": prefix,
         "banner": banner(origin, _facts(tables, origin)),
-        "reference": (resources.files("deshybrid.observer") / "reference.py").read_text(encoding="utf-8").rstrip("\n"),
+        "sources": [_source("tabulated" if tables.online is None else "online"), _source("reference")],
         "step": repr(tables.step),
         **{f"{kind}_names": ascii(getattr(tables, f"{kind}_names")) for kind in kinds},
         "status_names": ascii(STATUS_NAMES),
-        "entry_estimates": _literal(tuple(state.entry_estimate for state in tables.tracker)),
         "tables": _literal(plain_tables(tables)),
         "vectors": [_vector(vector) for vector in vectors],
     }
 
 
+def _source(module: str) -> str:
+    return (resources.files("deshybrid.observer") / f"{module}.py").read_text(encoding="utf-8").rstrip("\n")
+
+
 def _facts(tables: StepTables, origin: Provenance) -> list[str]:
     n, m, p = len(tables.state_names), len(tables.input_names), len(tables.output_names)
     return [
-        f"Location observer: {len(tables.tracker)} states.  Continuous observer: n = {n}, m = {m}, p = {p}, "
+        f"Location observer: {tracker_fact(tables)}.  Continuous observer: n = {n}, m = {m}, p = {p}, "
         f"step {tables.step!r} s.",
         *certificate_lines(origin, n),
         *origin.notes,
@@ -77,18 +83,28 @@ def _facts(tables: StepTables, origin: Provenance) -> list[str]:
 
 def _literal(value: Any, indent: int = 0) -> str:
     """Return a nested value as source text that fits the line, one entry a line where it does not."""
-    short = repr(value)
-    if not isinstance(value, dict | tuple) or indent + len(short) <= _WIDTH:
-        return short
+    if isinstance(value, int) and value.bit_length() > _LONG:
+        return hex(value)  # unlike decimals, of any length
     inner, pad = indent + 4, " " * indent
-    if isinstance(value, dict):
+    if isinstance(value, TabulatedTracker | OnlineTracker):
+        opening, closing = f"{type(value).__name__}(", ")"
+        entries = [f"{name}={_literal(entry, inner)}" for name, entry in value._asdict().items()]
+    elif isinstance(value, dict):
+        opening, closing = "{", "}"
         entries = [f"{key!r}: {_literal(entry, inner)}" for key, entry in value.items()]
-    else:
+    elif isinstance(value, tuple):
+        opening, closing = "(", ")"
         entries = [_literal(entry, inner) for entry in value]
-    opening, closing = ("{", "}") if isinstance(value, dict) else ("(", ")")
+    else:
+        return repr(value)
+    comma = "," if isinstance(value, tuple) and len(entries) == 1 else ""
+    short = opening + ", ".join(entries) + comma + closing
+    if "\n" not in short and indent + len(short) <= _WIDTH:
+        return short
     return "\n".join((opening, *(f"{pad}    {entry}," for entry in entries), pad + closing))
 
 
 def _vector(vector: Vector) -> str:
-    estimate = (vector.location, vector.tracker, vector.signature, vector.status, vector.x)
-    return repr((vector.reset, vector.input, vector.output, vector.event, estimate))
+    v, tracker = vector, _literal(vector.tracker)
+    estimate = f"({v.location}, {tracker}, {v.signature}, {v.status}, {v.x})"
+    return f"({v.reset}, {v.input}, {v.output}, {v.event}, {estimate})"

@@ -28,8 +28,8 @@ Sample = tuple[tuple[float, ...], tuple[float, ...], int]
 class Vector:
     """One sample (input, output, event code), whether the observer was reset before it, and the estimate after it.
 
-    `location` and `signature` are -1 where there is none; `tracker` is the location observer's state, a row of
-    `StepTables.tracker`; `status` an index into `STATUS_NAMES`.
+    `location` and `signature` are -1 where there is none; `tracker` is the location observer's state, and
+    `entry_estimate` the locations it stands for; `status` an index into `STATUS_NAMES`.
     """
 
     input: tuple[float, ...]
@@ -38,6 +38,7 @@ class Vector:
     reset: bool
     location: int
     tracker: int
+    entry_estimate: tuple[int, ...]
     signature: int
     status: int
     x: tuple[float, ...]
@@ -68,21 +69,19 @@ def record_vectors(
             state = reference.start(constants) if reset else state
             given, measured, event = sampler.sample(index, state)
             state, (location, tracker, signature, status, x) = reference.step(constants, state, given, measured, event)
-            vectors.append(
-                Vector(
-                    _floats(given), _floats(measured), event, reset, location, tracker, signature, status, _floats(x)
-                )
-            )
+            entered = constants["tracker"].entry_estimate(tracker)
+            said = (location, tracker, entered, signature, status, _floats(x))
+            vectors.append(Vector(_floats(given), _floats(measured), event, reset, *said))
     return tuple(vectors)
 
 
 def _converted(value: Any, number: type) -> Any:
-    """Return the tables with every float as a `number`."""
+    """Return the tables with every float as a `number`; the tracker, a named tuple, has none."""
     if isinstance(value, float):
         return number(value)
     if isinstance(value, dict):
         return {key: _converted(entry, number) for key, entry in value.items()}
-    return tuple(_converted(entry, number) for entry in value) if isinstance(value, tuple) else value
+    return tuple(_converted(entry, number) for entry in value) if type(value) is tuple else value
 
 
 def _floats(values: tuple[Any, ...]) -> tuple[float, ...]:
@@ -136,7 +135,8 @@ class _Sampler:
             return (-1, self._events + 1, 2**31 - 1)[self._below(3)]
         if self._source.random() >= self._event_chance or self._events == 0:
             return 0
-        known = [e + 1 for e, target in enumerate(self._constants["tracker"][state.tracker][2]) if target >= 0]
+        tracker = self._constants["tracker"]
+        known = [e + 1 for e in range(self._events) if tracker.after_event(state.tracker, e) >= 0]
         if known and self._source.random() < 0.9:
             return known[self._below(len(known))]
         return 1 + self._below(self._events)

@@ -147,8 +147,9 @@ def fill_resets(
 ) -> tuple[tuple[tuple[int, ...], ...], FloatArray, FloatArray]:
     """Return `reset_index` (L, L), `reset_matrix` (K, n, n) and `reset_offset` (K, n) for the transitions i -> j.
 
-    A reset that changes nothing has index -1.  Raises `ModelError` (DH0605) where two transitions from the same
-    persistent location to the same target have different resets: the observer knows locations, not transitions.
+    A reset that changes nothing has index -1; where none changes anything the index is empty.  Raises `ModelError`
+    (DH0605) where two transitions from the same persistent location to the same target have different resets: the
+    observer knows locations, not transitions.
     """
     n, count = len(system.state_names), len(system.locations)
     place = {location.name: number for number, location in enumerate(system.locations)}
@@ -168,7 +169,8 @@ def fill_resets(
             resets.append(reset)
     matrices = np.array([reset.matrix for reset in resets]).reshape((len(resets), n, n))
     offsets = np.array([reset.offset for reset in resets]).reshape((len(resets), n))
-    return tuple(map(tuple, index)), frozen_array(matrices, matrices.shape), frozen_array(offsets, offsets.shape)
+    rows = tuple(map(tuple, index)) if resets else ()
+    return rows, frozen_array(matrices, matrices.shape), frozen_array(offsets, offsets.shape)
 
 
 def _same(first: AffineReset | None, second: AffineReset | None) -> bool:

@@ -17,10 +17,10 @@ from deshybrid.des.signatures import SignaturePlan
 from deshybrid.detector.detector import TransitionDetector
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.model.system import HybridSystem
-from deshybrid.observer import reference
+from deshybrid.observer import MAX_TABLE, reference
 from deshybrid.observer.filling import fill_flow, fill_generators, fill_resets
 from deshybrid.observer.tables import STATUS_NAMES, StepTables, plain_tables
-from deshybrid.observer.tracker import Tracker, build_tracker, outputs_of
+from deshybrid.observer.tracker import Tracker, choose_tracker, outputs_of
 
 ObserverState: TypeAlias = reference.State
 UNKNOWN_EVENT = -1
@@ -53,6 +53,7 @@ class HybridObserver:
     gains: ObserverGains | None
     tables: StepTables
     certificates: tuple[DwellTimeCertificate, ...] = ()
+    max_states: int = MAX_TABLE
     _plain: dict[str, Any] = field(init=False, repr=False)
     _codes: dict[str, int] = field(init=False, repr=False)
     _shown: dict[str, str] = field(init=False, repr=False)
@@ -61,6 +62,15 @@ class HybridObserver:
         object.__setattr__(self, "_plain", plain_tables(self.tables))
         object.__setattr__(self, "_codes", {name: code + 1 for code, name in enumerate(self.tables.event_names)})
         object.__setattr__(self, "_shown", _signatures_in_events(self.plan) if self.system.is_discrete else {})
+
+    @property
+    def tracker_reason(self) -> str:
+        """How the location observer runs, by a table or on line, and why."""
+        if self.tables.online is None:
+            count = len(self.tables.tracker)
+            return f"table of {count} state{'' if count == 1 else 's'}, the limit is {self.max_states}"
+        pairs = self.tables.online.pairs
+        return f"on line, a set of up to {pairs} pairs; a table would have more than {self.max_states} states"
 
     @property
     def step_seconds(self) -> float:
@@ -87,7 +97,7 @@ class HybridObserver:
         tables = self.tables
         estimate = Estimate(
             location=tables.location_names[location] if location >= 0 else None,
-            entry_estimate=tuple(tables.location_names[i] for i in tables.tracker[tracker].entry_estimate),
+            entry_estimate=tuple(tables.location_names[i] for i in self._plain["tracker"].entry_estimate(tracker)),
             identified=location >= 0,
             signature=self._signature(signature, event),
             status=STATUS_NAMES[status],
@@ -109,8 +119,9 @@ class HybridObserver:
             raise UsageError(diagnostic("DH0607", message))
 
     def __repr__(self) -> str:
+        shown = "on-line tracker" if self.tables.online else f"{len(self.tables.tracker)} tracker states"
         return (
-            f"<HybridObserver of {self.system.name}: {len(self.tables.tracker)} tracker states, "
+            f"<HybridObserver of {self.system.name}: {shown}, "
             f"{len(self.tables.generators.locations)} residual generators, step {self.tables.step:g} s>"
         )
 
@@ -123,15 +134,16 @@ def build_observer(
     *,
     step: float,
     certificates: tuple[DwellTimeCertificate, ...] = (),
-    max_states: int = 100_000,
+    max_states: int = MAX_TABLE,
 ) -> HybridObserver:
     """Return the hybrid observer of a plan that makes the location observable; step in seconds.
 
     A purely discrete model needs neither detector nor gains: its signatures come as events, and a sample is a row.
-    Where a location has no gain, its continuous estimate is held.
+    Where a location has no gain, its continuous estimate is held.  The location observer is a table of up to
+    `max_states` states; where there are more, the on-line tracker takes its place and gives the same estimates.
 
     Raises `UsageError` (DH0608) where the plan recovers nothing or a detector is missing, `ModelError` (DH0605) for two
-    resets between the same locations, `GainError` (DH0606) where the step is too long for a gain, `LimitReached`.
+    resets between the same locations, `GainError` (DH0606) where the step is too long for a gain.
 
     >>> from deshybrid.des.signatures import recover_observability
     >>> from deshybrid.model.abstraction import abstract
@@ -148,9 +160,9 @@ def build_observer(
     _require_plan(system, plan, detector)
     delays = {} if detector is None else detector.delays
     certain = frozenset(name for name, d in delays.items() if d.seconds is not None and not d.condition)
-    tracker = build_tracker(plan, signatures_are_events=system.is_discrete, guaranteed=certain, max_states=max_states)
+    tracker = choose_tracker(plan, signatures_are_events=system.is_discrete, guaranteed=certain, max_states=max_states)
     tables = _tables(system, plan, detector, gains, tracker, step=step)
-    return HybridObserver(system, plan, detector, gains, tables, certificates)
+    return HybridObserver(system, plan, detector, gains, tables, certificates, max_states)
 
 
 def _tables(
@@ -182,6 +194,7 @@ def _tables(
         reset_index=reset_index,
         reset_matrix=reset_matrix,
         reset_offset=reset_offset,
+        online=tracker.online,
     )
 
 
@@ -191,7 +204,8 @@ def _signatures_in_events(plan: SignaturePlan) -> dict[str, str]:
     for transition in plan.complementary.transitions if plan.complementary else ():
         pairs = (seen for seen in transition.seen if seen is not None and seen.signature is not None)
         names |= {str(pair): str(pair.signature) for pair in pairs}
-    return {event: name for event, name in names.items() if event not in outputs_of(plan.des)}
+    outputs = set(outputs_of(plan.des))
+    return {event: name for event, name in names.items() if event not in outputs}
 
 
 def _require_plan(system: HybridSystem, plan: SignaturePlan, detector: TransitionDetector | None) -> None:

@@ -2,7 +2,8 @@
 
 Nothing is changed in place and nothing beyond the standard library's `typing` is imported, so that this very text can
 be copied into a generated program.  `tables` is the mapping that `plain_tables` makes of `StepTables`; the text of the
-module `tables` says what a tick is, step by step.
+module `tables` says what a tick is, step by step.  `tables["tracker"]` is a `TabulatedTracker` or an `OnlineTracker`:
+the step asks it what a state means and where it leads, and takes a state for a number without meaning.
 
 Every sum runs from left to right and starts from its first product, so that a C compiler that neither reorders nor
 fuses operations gets the same bits.  (Never the built-in `sum`: since Python 3.12 it compensates rounding errors.)
@@ -32,7 +33,7 @@ class State(NamedTuple):
     active: Flags  # by generator: the relay after the debounce
     seen: Flags  # by generator: active at the last move or since
     stale: Flags  # by generator: active since before the event that led here
-    tracker: int  # tracker state
+    tracker: int  # state of the location observer, as `tables["tracker"]` counts them
     silence: int  # ticks since the last move, at most `window_ticks`
     fired: int  # the signature that may not fire again yet, or -1
     flow: int  # the location whose continuous observer runs, or -1
@@ -43,7 +44,7 @@ def start(tables: Tables) -> State:
     """Return the state before the first sample; a location known from the start has its continuous observer running."""
     none = (False,) * len(tables["generators"])
     initial = tables["initial"]
-    location = tables["tracker"][initial][0]
+    location = tables["tracker"].known(initial)[0]
     flow = location if location >= 0 and tables["flow_defined"][location] else -1
     return State(0, None, (), none, (0,) * len(none), none, none, none, initial, 0, -1, flow, tables["start"])
 
@@ -65,7 +66,7 @@ def step(
     state = state._replace(ticks=state.ticks + 1, silence=silence, stale=stale)
     state, signature, inconsistent = track(tables, state, event, before)
     state = state._replace(seen=tuple(was or now for was, now in zip(state.seen, state.active, strict=True)))
-    location, provisional = tables["tracker"][state.tracker][:2]
+    location, provisional = tables["tracker"].known(state.tracker)
     status = IDENTIFIED if location >= 0 else PROVISIONAL if provisional else SEARCHING
     if inconsistent:
         status = INCONSISTENT
@@ -146,18 +147,18 @@ def track(tables: Tables, state: State, event: int, before: Flags) -> tuple[Stat
     """Move by event, signature or silence; return also the signature (or -1) and whether nothing explains the event."""
     inconsistent = moved = False
     if event != 0:
-        known = 1 <= event <= len(tables["restart_on_event"])
-        target = tables["tracker"][state.tracker][2][event - 1] if known else -1
+        known = 1 <= event <= tables["events"]
+        target = tables["tracker"].after_event(state.tracker, event - 1) if known else -1
         if target < 0:
             inconsistent = True
-            target = tables["restart_on_event"][event - 1] if known else tables["restart"]
+            target = tables["tracker"].restart_on(event - 1) if known else tables["restart"]
         state, moved = move(tables, state, target), True
-        if not tables["tracker"][target][1]:
+        if not tables["tracker"].known(target)[1]:
             stale = tuple(was and now for was, now in zip(before, state.active, strict=True))
             state = state._replace(stale=stale)
     target, signature, fired = listen(tables, state, before)
     state = state._replace(fired=fired)
-    timeout = tables["tracker"][state.tracker][4]
+    timeout = tables["tracker"].timeout(state.tracker)
     if target >= 0:
         state = move(tables, state, target)
     elif not moved and timeout != -1 and state.silence == tables["window_ticks"]:
@@ -172,7 +173,7 @@ def listen(tables: Tables, state: State, before: Flags) -> tuple[int, int, int]:
     `before` is the activity one tick ago.
     """
     blocked = -1
-    for signature, own, quiet, target in tables["tracker"][state.tracker][3]:
+    for signature, own, quiet, target in tables["tracker"].candidates(state.tracker):
         holds = not any(state.active[g] for g in quiet)
         if own >= 0:
             holds = holds and state.active[own] and not state.stale[own]
@@ -190,13 +191,13 @@ def listen(tables: Tables, state: State, before: Flags) -> tuple[int, int, int]:
 
 def move(tables: Tables, state: State, tracker: int) -> State:
     """Enter a tracker state; into an identified location the estimate takes the reset of the transition."""
-    location, provisional = tables["tracker"][tracker][:2]
+    location, provisional = tables["tracker"].known(tracker)
     none = (False,) * len(state.active)
     state = state._replace(tracker=tracker, silence=0, seen=state.active, stale=none)
     if location < 0:
         return state if provisional else state._replace(flow=-1)
     x = state.x
-    reset = tables["reset_index"][state.flow][location] if state.flow >= 0 else -1
+    reset = tables["reset_index"][state.flow][location] if state.flow >= 0 and tables["reset_rows"] else -1
     if reset >= 0:
         x = affine(tables["reset_rows"][reset], tables["reset_offset"][reset], x)
     return state._replace(flow=location if tables["flow_defined"][location] else -1, x=x)

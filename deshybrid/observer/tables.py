@@ -13,7 +13,8 @@ meets -LARGEST <= v <= LARGEST (so neither NaN nor infinite); the held sample (u
    Relay: on while |r_c| · weight_c <= limit in every channel c; limit is 1 to switch on, `release` to stay on (a NaN
    switches it off).  Debounce: a generator becomes active after `on_ticks` consecutive ticks with the relay on,
    inactive after `off_ticks` consecutive ticks with it off.  At an invalid sample relay, debounce and activity stay.
-3. Tracker.  `silence` = ticks since the last move (0 at the move, and at the start; it stops at `window_ticks`);
+3. Tracker (a table of states; the on-line tracker says the same of a state when it is asked).
+   `silence` = ticks since the last move (0 at the move, and at the start; it stops at `window_ticks`);
    `seen` = generators active at the tick of the last move or at a later one, up to the tick before this one; `stale` =
    generators active at every tick since the one before the last move, where that was by an event and into no
    provisional state.
@@ -46,6 +47,8 @@ from typing import Any
 import numpy as np
 
 from deshybrid.linear.arrays import FloatArray
+from deshybrid.observer.online import OnlineTracker
+from deshybrid.observer.tabulated import TabulatedTracker
 
 LARGEST = 1e30
 STATUS_NAMES = ("searching", "identified", "provisional", "inconsistent", "invalid")
@@ -131,28 +134,28 @@ class StepTables:
     signature_names: tuple[str, ...]
     flow: FlowTables
     generators: GeneratorTables
-    tracker: tuple[TrackerState, ...]
+    tracker: tuple[TrackerState, ...]  # empty where `online` takes its place
     initial: int
     restart: int
     restart_on_event: tuple[int, ...]  # by event number: always a tracker state
     window_ticks: int
-    reset_index: tuple[tuple[int, ...], ...]  # (L, L), -1 = keep the state
+    reset_index: tuple[tuple[int, ...], ...]  # (L, L), -1 = keep the state; empty where there are no resets
     reset_matrix: FloatArray  # (K, n, n)
     reset_offset: FloatArray  # (K, n)
+    online: OnlineTracker | None = None  # its states are bit masks, `initial` and `restart` too
 
 
 def plain_tables(tables: StepTables) -> dict[str, object]:
     """Return the tables as nested tuples of plain numbers under the names that `reference` reads.
 
     A row holds the coefficients of one component in the order of its sum: state (or z), input, output.  A generator is
-    a mapping of its own; a tracker state is (location, provisional, on_event, candidates, timeout_target), a candidate
-    (signature, active, quiet, target).
+    a mapping of its own; "tracker" answers for tracker states, by a table or on line.
     """
     flow = tables.flow
     return {
         "initial": tables.initial,
         "restart": tables.restart,
-        "restart_on_event": tables.restart_on_event,
+        "events": len(tables.event_names),
         "window_ticks": tables.window_ticks,
         "start": _plain(flow.start),
         "flow_defined": flow.defined,
@@ -162,7 +165,7 @@ def plain_tables(tables: StepTables) -> dict[str, object]:
         "reset_rows": _plain(tables.reset_matrix),
         "reset_offset": _plain(tables.reset_offset),
         "generators": tuple(_plain_generator(tables.generators, g) for g in range(len(tables.generators.locations))),
-        "tracker": tuple(_plain_tracker_state(state) for state in tables.tracker),
+        "tracker": tables.online or _plain_tracker(tables),
     }
 
 
@@ -182,9 +185,19 @@ def _plain_generator(generators: GeneratorTables, g: int) -> dict[str, object]:
     }
 
 
-def _plain_tracker_state(state: TrackerState) -> tuple[object, ...]:
-    candidates = tuple((c.signature, c.active, c.quiet, c.target) for c in state.candidates)
-    return state.location, state.provisional, state.on_event, candidates, state.timeout_target
+def _plain_tracker(tables: StepTables) -> TabulatedTracker:
+    states = tuple(
+        (
+            state.location,
+            state.provisional,
+            state.on_event,
+            tuple((c.signature, c.active, c.quiet, c.target) for c in state.candidates),
+            state.timeout_target,
+            state.entry_estimate,
+        )
+        for state in tables.tracker
+    )
+    return TabulatedTracker(states, tables.restart_on_event)
 
 
 def _plain(array: FloatArray) -> tuple[Any, ...]:

@@ -21,25 +21,22 @@ than guesses.  One by negation needs a generator for every alternative, and is l
 A purely discrete model has no residuals: there the signatures come as events of the same name, and a pair (γ, s) that
 comes at once as the event `γ,s`; nothing times out, and nothing due is forgotten, because its event will come.
 
-Subset construction, up to 2^(|Q| (|S|+1)) states, hence `max_states`.
+The moves are collected here once, as an `OnlineTracker`, which says what they mean.  `build_tracker` makes a table of
+all states that it can reach: up to 2^(|Q| (|S|+1)), hence `max_states`.  Beyond that the observer asks it on line.
 Source: Balluchi et al. (2012), sections 3.1, 4.1 and 4.2; Figure 9.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
-from deshybrid.des.automaton import DES, Output
-from deshybrid.des.epsilon import eliminate_epsilon
+from deshybrid.des.automaton import DES, Output, Transition
 from deshybrid.des.signatures import SignaturePlan
-from deshybrid.des.worklist import Graph, explore
+from deshybrid.des.worklist import explore
+from deshybrid.diagnostics import LimitReached
+from deshybrid.observer import MAX_TABLE
+from deshybrid.observer.online import NONE, OnlineTracker
 from deshybrid.observer.tables import Candidate, TrackerState
-
-NONE = -1
-INCONSISTENT = -2
-
-Configuration: TypeAlias = tuple[int, int]  # (location, signature that is due or NONE)
-Node: TypeAlias = tuple[Configuration, ...]  # ascending, without repetition
 
 
 class Token(NamedTuple):
@@ -59,6 +56,31 @@ class Tracker:
     initial: int
     restart: int
     restart_on_event: tuple[int, ...]
+    online: OnlineTracker | None = None
+
+
+def choose_tracker(
+    plan: SignaturePlan,
+    *,
+    signatures_are_events: bool = False,
+    guaranteed: frozenset[str] = frozenset(),
+    max_states: int = MAX_TABLE,
+) -> Tracker:
+    """Return the tracker as a table of up to `max_states` states, else the on-line tracker, whose states are bit masks.
+
+    Both give the same estimates.  `guaranteed`: as for `build_tracker`.
+
+    >>> from deshybrid.des.signatures import recover_observability
+    >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", "β")])
+    >>> tracker = choose_tracker(recover_observability(des, ()), max_states=1)
+    >>> tracker.states, bin(tracker.initial), bin(tracker.online.after_event(tracker.initial, 0))
+    ((), '0b11', '0b10')
+    """
+    moves = _Moves(plan, signatures_are_events, guaranteed)
+    try:
+        return _tabulated(moves, max_states)
+    except LimitReached:
+        return Tracker(moves.event_names, moves.heard, (), *moves.roots, (), moves.online)
 
 
 def build_tracker(
@@ -68,7 +90,7 @@ def build_tracker(
     guaranteed: frozenset[str] = frozenset(),
     max_states: int = 100_000,
 ) -> Tracker:
-    """Return the tracker of a plan that recovers observability, or needs no signature.
+    """Return the table of a plan that recovers observability, or needs no signature.
 
     `guaranteed`: locations whose signature has a detection delay that holds without condition.
     Raises `LimitReached` (DH0901) beyond `max_states` states.
@@ -79,21 +101,7 @@ def build_tracker(
     >>> [state.entry_estimate for state in tracker.states], tracker.states[0].on_event
     ([(0, 1), (1,), (0,)], (1, 2))
     """
-    moves = _Moves(plan, signatures_are_events)
-    everything = tuple((location, NONE) for location in range(len(moves.des.locations)))
-    start = tuple((n, NONE) for n, name in enumerate(moves.des.locations) if name in set(moves.des.initial))
-    graph = explore([start, everything], moves.successors, limit=max_states, what="tracker states")
-    due = frozenset(n for n, s in enumerate(plan.signatures) if s.location in guaranteed)
-    states = tuple(_states(moves, graph, due))
-    restart = graph.nodes.index(everything)
-    return Tracker(
-        event_names=moves.event_names,
-        signature_names=() if signatures_are_events else tuple(s.name for s in plan.signatures),
-        states=states,
-        initial=graph.nodes.index(start),
-        restart=restart,
-        restart_on_event=tuple(restart if state < 0 else state for state in states[restart].on_event),
-    )
+    return _tabulated(_Moves(plan, signatures_are_events, guaranteed), max_states)
 
 
 def outputs_of(des: DES) -> tuple[str, ...]:
@@ -107,125 +115,124 @@ def outputs_of(des: DES) -> tuple[str, ...]:
 
 
 class _Moves:
-    """The moves of (location, signature due) pairs, indexed by what is seen."""
+    """The moves of a plan's locations by what is seen, and the names of what is seen."""
 
-    def __init__(self, plan: SignaturePlan, signatures_are_events: bool) -> None:
+    def __init__(self, plan: SignaturePlan, signatures_are_events: bool, guaranteed: frozenset[str]) -> None:
         self.plan = plan
         self.des = plan.complementary or plan.des
-        self.signatures_are_events = signatures_are_events
+        self.place = {name: number for number, name in enumerate(self.des.locations)}
         self.number = {signature.name: number for number, signature in enumerate(plan.signatures)}
-        self.tokens: dict[str, Output] = {gamma: Output(gamma) for gamma in outputs_of(self.des)}
-        automaton = eliminate_epsilon(self.des)
+        self.heard = () if signatures_are_events else tuple(self.number)
+        self.events = {gamma: Output(gamma) for gamma in outputs_of(self.des)}
         if signatures_are_events:
-            for output in (*(Output(None, name) for name in self.number), *automaton.outputs):
-                self.tokens.setdefault(str(output), output)
-        place = {name: number for number, name in enumerate(self.des.locations)}
-        self.by_gamma: dict[tuple[str | None, int], list[tuple[int, str | None]]] = {}
-        for edge in automaton.edges:
-            move = (place[edge.target], edge.output.signature)
-            self.by_gamma.setdefault((edge.output.gamma, place[edge.source]), []).append(move)
+            together = (seen for transition in self.des.transitions for seen in transition.seen if seen is not None)
+            for output in (*(Output(None, name) for name in self.number), *together):
+                self.events.setdefault(str(output), output)
+        self.event_names = tuple(self.events)
+        self.showing: dict[str | None, list[Transition]] = {}
+        for transition in self.des.transitions:
+            for gamma in dict.fromkeys(transition.outputs):
+                self.showing.setdefault(gamma, []).append(transition)
+        late = sorted(set(self._late()), key=lambda pair: (self.place[pair[0]], self.number[pair[1]]))
+        self.pair: dict[tuple[str, str | None], int] = {(name, None): q for name, q in self.place.items()}
+        self.pair |= {pair: len(self.place) + i for i, pair in enumerate(late)}
+        self.online = self._online(tuple((self.place[q], self.number[s]) for q, s in late), guaranteed)
 
     @property
-    def event_names(self) -> tuple[str, ...]:
-        return tuple(self.tokens)
+    def roots(self) -> tuple[int, int]:
+        """The initial set and the set of all locations, nothing due."""
+        start = set(self.des.initial)
+        return sum(1 << q for name, q in self.place.items() if name in start), (1 << len(self.place)) - 1
 
-    def successors(self, node: Node) -> Iterator[tuple[Token, Node]]:
-        for number, output in enumerate(self.tokens.values()):
-            if target := self.on_event(node, output):
-                yield Token("event", number), target
-        if self.signatures_are_events:
-            return
-        for name, number in self.number.items():
-            if target := self.on_signature(node, name):
-                yield Token("signature", number), target
-        settled = _settled(node)
-        if settled and settled != node:
-            yield Token("silence", 0), self._node(set(settled))
+    def _late(self) -> Iterator[tuple[str, str]]:
+        """What a signature may be due for: the targets of transitions that show a γ first."""
+        for transition in self.des.transitions:
+            if transition.signature is not None and any(gamma is not None for gamma in transition.outputs):
+                yield transition.target, transition.signature
 
-    def on_event(self, node: Node, output: Output) -> Node:
-        """The node after γ, or after γ and s at once."""
-        if output.gamma is None:
-            return self.on_signature(node, str(output.signature))
-        for sources in _in_turn(node):
-            found = {pair for source in sources for pair in self._arrivals(source, output)}
-            if found:
-                return self._node(found)
-        return ()
-
-    def _arrivals(self, source: int, output: Output) -> Iterator[Configuration]:
-        for target, signature in self.by_gamma.get((output.gamma, source), ()):
-            if output.signature is None:
-                yield target, NONE if signature is None else self.number[signature]
-            elif output.signature == signature:
-                yield target, NONE
-
-    def on_signature(self, node: Node, name: str) -> Node:
-        """The node after a signature: it was due, or the plant has moved without any γ."""
-        due = {(location, NONE) for location, wait in node if wait == self.number[name]}
-        for sources in _in_turn(node):
-            moves = [move for source in sources for move in self.by_gamma.get((None, source), ())]
-            found = due | {(target, NONE) for target, signature in moves if signature == name}
-            if found:
-                return self._node(found)
-        return ()
-
-    def _node(self, found: set[Configuration]) -> Node:
-        """What is due in all pairs, or in pairs of one location, tells nothing and is not waited for."""
-        useless = len({pair[0] for pair in found}) == 1 or len({pair[1] for pair in found}) == 1
-        if useless and not self.signatures_are_events:
-            found = {(location, NONE) for location, _ in found}
-        return tuple(sorted(found))
-
-
-def _in_turn(node: Node) -> tuple[list[int], list[int]]:
-    """The settled locations of a node, and those to be tried if these explain nothing: a signature has been missed."""
-    return [place for place, due in node if due == NONE], [place for place, due in node if due != NONE]
-
-
-def _settled(node: Node) -> Node:
-    return tuple(pair for pair in node if pair[1] == NONE)
-
-
-def _states(moves: _Moves, graph: Graph[Node, Token], guaranteed: frozenset[int]) -> Iterator[TrackerState]:
-    persistent = {moves.des.locations.index(name) for name in moves.plan.report.persistent}
-    by_node: list[dict[Token, int]] = [{} for _ in graph.nodes]
-    for source, token, target in graph.arcs:
-        by_node[source][token] = target
-    for node, targets in zip(graph.nodes, by_node, strict=True):
-        locations = tuple(sorted({location for location, _ in node}))
-        provisional = any(due != NONE for _, due in node)
-        identified = len(locations) == 1 and locations[0] in persistent
-        yield TrackerState(
-            entry_estimate=locations,
-            location=locations[0] if identified else NONE,
-            provisional=provisional and not identified,
-            on_event=tuple(targets.get(Token("event", n), NONE) for n in range(len(moves.event_names))),
-            candidates=tuple(_candidates(moves, graph, node, targets)),
-            timeout_target=_timeout(moves, node, targets, guaranteed) if provisional else NONE,
+    def _online(self, waiting: tuple[tuple[int, int], ...], guaranteed: frozenset[str]) -> OnlineTracker:
+        plan, heard = self.plan, [Output(None, name) for name in self.heard]
+        generator = {name: number for number, name in enumerate(plan.generators)}
+        own = (generator[s.location] if s.by == "residual" else NONE for s in plan.signatures)
+        persistent = set(plan.report.persistent)
+        return OnlineTracker(
+            locations=len(self.place),
+            persistent=tuple(name in persistent for name in self.place),
+            waiting=waiting,
+            silent=self._silent(),
+            events=len(self.events),
+            tokens=tuple(self._token(output) for output in (*self.events.values(), *heard)),
+            active=tuple(own) if heard else (),
+            generator=tuple(generator.get(name, NONE) for name in self.place),
+            guaranteed=tuple(s.location in guaranteed for s in plan.signatures),
+            times_out=bool(self.heard),
         )
 
+    def _silent(self) -> dict[int, tuple[int, ...]]:
+        targets: dict[int, list[int]] = {}
+        for transition in self.des.transitions:
+            if not transition.is_observable:
+                targets.setdefault(self.place[transition.source], []).append(self.place[transition.target])
 
-def _timeout(moves: _Moves, node: Node, targets: dict[Token, int], guaranteed: frozenset[int]) -> int:
-    if moves.signatures_are_events or _settled(node):
-        return targets.get(Token("silence", 0), NONE)
-    return INCONSISTENT if {due for _, due in node} <= guaranteed else NONE
+        def unseen(location: int) -> Iterator[tuple[None, int]]:
+            return ((None, target) for target in targets.get(location, ()))
+
+        reach = {location: explore([location], unseen).nodes[1:] for location in sorted(targets)}
+        return {location: tuple(sorted(found)) for location, found in reach.items() if found}
+
+    def _token(self, output: Output) -> tuple[int, dict[int, tuple[int, ...]]]:
+        """γ alone leaves a signature due, γ and s together do not; s alone also comes where it was due."""
+        moves: dict[int, set[int]] = {}
+        for transition in self.showing.get(output.gamma, ()):
+            if output.signature in (None, transition.signature):
+                due = transition.signature if output.signature is None else None
+                moves.setdefault(self.place[transition.source], set()).add(self.pair[transition.target, due])
+        answers = self.number[output.signature] if output.gamma is None and output.signature is not None else NONE
+        return answers, {source: tuple(sorted(moves[source])) for source in sorted(moves)}
 
 
-def _candidates(moves: _Moves, graph: Graph[Node, Token], node: Node, targets: dict[Token, int]) -> Iterator[Candidate]:
-    """The signatures that lead out of a state; a self-loop by negation shows nothing."""
-    leaving = {token.number: target for token, target in targets.items() if token.kind == "signature"}
-    reached = {number: {location for location, _ in graph.nodes[target]} for number, target in leaving.items()}
-    possible = {location for location, _ in node}.union(*reached.values())
-    names = moves.plan.generators
-    generator = {moves.des.locations.index(name): number for number, name in enumerate(names)}
-    for number, target in leaving.items():
-        signature = moves.plan.signatures[number]
-        others = possible - reached[number]
-        quiet = tuple(sorted(generator[location] for location in others if location in generator))
-        if signature.by == "residual":
-            yield Candidate(number, names.index(signature.location), quiet, target)
-        elif quiet and len(quiet) == len(others) and graph.nodes[target] != node:
-            yield Candidate(number, NONE, quiet, target)
+def _tabulated(moves: _Moves, max_states: int) -> Tracker:
+    """Ask the on-line tracker for every state that it can reach."""
+    online = moves.online
+    graph = explore(moves.roots, lambda state: _successors(online, state), limit=max_states, what="tracker states")
+    number = {state: index for index, state in enumerate(graph.nodes)}
+    initial, restart = (number[root] for root in moves.roots)
+    by_event: list[list[int]] = [[NONE] * online.events for _ in graph.nodes]
+    for source, token, target in graph.arcs:
+        if token.kind == "event":
+            by_event[source][token.number] = target
+    states = tuple(_state(online, state, tuple(by_event[index]), number) for state, index in number.items())
+    return Tracker(
+        event_names=moves.event_names,
+        signature_names=moves.heard,
+        states=states,
+        initial=initial,
+        restart=restart,
+        restart_on_event=tuple(restart if state < 0 else state for state in by_event[restart]),
+    )
 
 
-__all__ = ["Tracker", "build_tracker", "outputs_of"]
+def _successors(online: OnlineTracker, state: int) -> Iterator[tuple[Token, int]]:
+    sources = online.sources(state)
+    for number in range(len(online.tokens)):
+        if (target := online.follow(state, sources, number)) >= 0:
+            heard = number - online.events
+            yield Token("event", number) if heard < 0 else Token("signature", heard), target
+    if (target := online.timeout(state)) >= 0:
+        yield Token("silence", 0), target
+
+
+def _state(online: OnlineTracker, state: int, on_event: tuple[int, ...], number: dict[int, int]) -> TrackerState:
+    location, provisional = online.known(state)
+    timeout = online.timeout(state)
+    return TrackerState(
+        entry_estimate=online.entry_estimate(state),
+        location=location,
+        provisional=provisional,
+        on_event=on_event,
+        candidates=tuple(Candidate(s, own, quiet, number[to]) for s, own, quiet, to in online.candidates(state)),
+        timeout_target=number.get(timeout, timeout),
+    )
+
+
+__all__ = ["Tracker", "build_tracker", "choose_tracker", "outputs_of"]

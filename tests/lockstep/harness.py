@@ -70,7 +70,7 @@ int main(int argc, char **argv)
 _PYTHON_DRIVER = """\
 import struct, sys
 sys.path.insert(0, ".")
-from {prefix} import ENTRY_ESTIMATES, LOCATIONS, TABLES, start, step
+from {prefix} import LOCATIONS, TABLES, start, step
 inputs, outputs = {inputs}, {outputs}
 size = struct.calcsize("=2i%dd" % (inputs + outputs))
 data = open(sys.argv[1], "rb").read()
@@ -83,7 +83,7 @@ with open(sys.argv[2], "wb") as out:
         state, estimate = step(TABLES, state, tuple(numbers[:inputs]), tuple(numbers[inputs:]), event)
         location, tracker, signature, status, x = estimate
         out.write(struct.pack("=4i", location, signature, status, location >= 0))
-        out.write(bytes(index in ENTRY_ESTIMATES[tracker] for index in range(len(LOCATIONS))))
+        out.write(bytes(index in TABLES["tracker"].entry_estimate(tracker) for index in range(len(LOCATIONS))))
         out.write(struct.pack("=%dd" % len(x), *x))
 """
 
@@ -144,7 +144,7 @@ def expected_estimates(tables: StepTables, vectors: Sequence[Vector], *, real: s
     locations = range(len(tables.location_names))
     return b"".join(
         struct.pack("=4i", v.location, v.signature, v.status, v.location >= 0)
-        + bytes(index in tables.tracker[v.tracker].entry_estimate for index in locations)
+        + bytes(index in v.entry_estimate for index in locations)
         + struct.pack(f"={len(v.x)}{letter}", *v.x)
         for v in vectors
     )

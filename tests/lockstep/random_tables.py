@@ -1,11 +1,14 @@
 """Random `StepTables` of every small size, zero included: what no model made, but every emitter must print."""
 
 import random
+from typing import Any
 
 import numpy as np
 
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.observer.tables import Candidate, FlowTables, GeneratorTables, StepTables, TrackerState
+from deshybrid.observer.tracker import choose_tracker
+from tests.strategies import random_plan
 
 
 def random_tables(seed: int) -> StepTables:
@@ -18,21 +21,59 @@ def random_tables(seed: int) -> StepTables:
     locations, events, resets = 1 + draw.randrange(6), draw.randrange(4), draw.randrange(3)
     generators = draw.randrange(4) if p > 0 and n + m > 0 else 0
     states = 1 + draw.randrange(8)
+    numbers = _numbers(draw, (n, m, p), locations, tuple(draw.randrange(locations) for _ in range(generators)), resets)
+    return StepTables(
+        name=f"random {seed}",
+        event_names=_names("event", events),
+        signature_names=_names("s", locations),
+        tracker=tuple(_state(draw, locations, events, generators, states) for _ in range(states)),
+        initial=draw.randrange(states),
+        restart=draw.randrange(states),
+        restart_on_event=tuple(draw.randrange(states) for _ in range(events)),
+        **numbers,
+    )
+
+
+def tables_of_plan(seed: int, *, as_events: bool, max_states: int, locations: int = 5) -> StepTables:
+    """Return random numbers around the tracker of a random plan: a table up to `max_states`, else on line."""
+    draw = random.Random(seed)
+    plan = random_plan(draw, negations=True, locations=locations)
+    des = plan.des
+    guaranteed = frozenset(name for name in des.locations if draw.random() < 0.5)
+    made = choose_tracker(plan, signatures_are_events=as_events, guaranteed=guaranteed, max_states=max_states)
+    sizes = (0, 0, 0) if as_events else (1 + draw.randrange(3), draw.randrange(3), 1 + draw.randrange(2))
+    owners = () if as_events else tuple(des.locations.index(name) for name in plan.generators)
+    numbers = _numbers(draw, sizes, len(des.locations), owners, 0 if as_events else draw.randrange(3))
+    return StepTables(
+        name=f"plan {seed}",
+        event_names=made.event_names,
+        signature_names=made.signature_names,
+        tracker=made.states,
+        initial=made.initial,
+        restart=made.restart,
+        restart_on_event=made.restart_on_event,
+        online=made.online,
+        **numbers,
+    )
+
+
+def _numbers(
+    draw: random.Random, sizes: tuple[int, int, int], locations: int, owners: tuple[int, ...], resets: int
+) -> dict[str, Any]:
+    """Everything in `StepTables` that is not of the tracker; `owners` are the locations that have a generator."""
+    (n, m, p), generators = sizes, len(owners)
 
     def numbers(*shape: int) -> FloatArray:
         scale = draw.choice((0.1, 0.4, 1.3))
         return np.array([scale * draw.gauss(0.0, 1.0) for _ in range(int(np.prod(shape)))]).reshape(shape)
 
-    return StepTables(
-        name=f"random {seed}",
-        step=0.01,
-        location_names=_names("location", locations),
-        state_names=_names("x", n),
-        input_names=_names("u", m),
-        output_names=_names("y", p),
-        event_names=_names("event", events),
-        signature_names=_names("s", locations),
-        flow=FlowTables(
+    return {
+        "step": 0.01,
+        "location_names": _names("location", locations),
+        "state_names": _names("x", n),
+        "input_names": _names("u", m),
+        "output_names": _names("y", p),
+        "flow": FlowTables(
             matrix=numbers(locations, n, n),
             input=numbers(locations, n, m),
             output=numbers(locations, n, p),
@@ -40,8 +81,8 @@ def random_tables(seed: int) -> StepTables:
             start=numbers(n),
             defined=tuple(draw.random() < 0.8 for _ in range(locations)),
         ),
-        generators=GeneratorTables(
-            locations=tuple(draw.randrange(locations) for _ in range(generators)),
+        "generators": GeneratorTables(
+            locations=owners,
             matrix=numbers(generators, n, n),
             input=numbers(generators, n, m),
             output=numbers(generators, n, p),
@@ -56,15 +97,17 @@ def random_tables(seed: int) -> StepTables:
             on_ticks=tuple(1 + draw.randrange(4) for _ in range(generators)),
             off_ticks=tuple(1 + draw.randrange(4) for _ in range(generators)),
         ),
-        tracker=tuple(_state(draw, locations, events, generators, states) for _ in range(states)),
-        initial=draw.randrange(states),
-        restart=draw.randrange(states),
-        restart_on_event=tuple(draw.randrange(states) for _ in range(events)),
-        window_ticks=1 + draw.randrange(9),
-        reset_index=tuple(tuple(draw.randrange(-1, resets) for _ in range(locations)) for _ in range(locations)),
-        reset_matrix=numbers(resets, n, n),
-        reset_offset=numbers(resets, n),
-    )
+        "window_ticks": 1 + draw.randrange(9),
+        "reset_index": _reset_index(draw, locations, resets),
+        "reset_matrix": numbers(resets, n, n),
+        "reset_offset": numbers(resets, n),
+    }
+
+
+def _reset_index(draw: random.Random, locations: int, resets: int) -> tuple[tuple[int, ...], ...]:
+    if not resets:
+        return ()
+    return tuple(tuple(draw.randrange(-1, resets) for _ in range(locations)) for _ in range(locations))
 
 
 def _names(kind: str, count: int) -> tuple[str, ...]:

@@ -8,29 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deshybrid.des.automaton import DES
-from deshybrid.des.observability import check_observability
-from deshybrid.des.signatures import Signature, SignaturePlan
-from deshybrid.observer.tracker import INCONSISTENT, Tracker, build_tracker
-from tests.strategies import living, random_des
+from deshybrid.observer.online import RESTART
+from deshybrid.observer.tracker import Tracker, build_tracker
+from tests.strategies import random_plan
 
 Belief = frozenset[tuple[str, str | None]]  # (location entered, signature still due)
-
-
-def random_plan(rng: random.Random) -> SignaturePlan:
-    """Some transitions carry the signature of their target; nothing says that they recover observability."""
-    des = living(random_des(rng, locations=5, transitions=9))
-    marked = [number for number in range(len(des.transitions)) if rng.random() < 0.4]
-    signatures = []
-    for location in des.locations:
-        own = tuple(number for number in marked if des.transitions[number].target == location)
-        if own:
-            signatures.append(Signature(f"s_{location}", location, own, "residual"))
-    complementary = des.with_signatures({n: s.name for s in signatures for n in s.transitions})
-    generators = tuple(signature.location for signature in signatures)
-    report = check_observability(complementary)
-    return SignaturePlan(
-        des, True, False, tuple(signatures), generators, 0.0, 0.0, False, (), None, complementary, report
-    )
 
 
 def silent_closure(des: DES, locations: Iterable[str]) -> set[str]:
@@ -88,7 +70,7 @@ class Follower:
 
     def silence(self) -> None:
         target = self.tracker.states[self.state].timeout_target
-        assert target != INCONSISTENT
+        assert target != RESTART
         self.state = target if target >= 0 else self.state
 
     @property

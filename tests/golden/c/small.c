@@ -146,16 +146,16 @@ static const uint8_t flow_defined[] = {
     1, 1, 0
 };
 
-/* by state: a signature is due */
-static const uint8_t tracker_provisional[] = {
-    0, 0, 0, 0, 1, 1
-};
-
 /* from location, to location: reset, -1 = keep the estimate */
 static const int16_t reset_index[] = {
     1, 0, -1,
     1, -1, -1,
     -1, -1, -1
+};
+
+/* by state: a signature is due */
+static const uint8_t tracker_provisional[] = {
+    0, 0, 0, 0, 1, 1
 };
 
 /* by event: state after an event that nothing explains */
@@ -384,12 +384,22 @@ static void decide(small_state_t *state, const small_input_t *input)
 
 /* ------------------------------------------------------------------------------------------ location observer */
 
+static int32_t known_location(const small_state_t *state)
+{
+    return tracker_location[state->tracker];
+}
+
+static int is_provisional(const small_state_t *state)
+{
+    return tracker_provisional[state->tracker];
+}
+
 /* Chooses the location whose observer runs from now on, and applies the reset of the transition. */
 static void enter(small_state_t *state)
 {
-    const int32_t location = tracker_location[state->tracker];
+    const int32_t location = known_location(state);
     if (location < 0) {
-        state->flow = tracker_provisional[state->tracker] ? state->flow : -1;
+        state->flow = is_provisional(state) ? state->flow : -1;
         return;
     }
     if (RESETS > 0 && state->flow >= 0) {
@@ -403,17 +413,58 @@ static void enter(small_state_t *state)
     state->flow = flow_defined[location] ? location : -1;
 }
 
-static void move(small_state_t *state, int32_t target)
+/* What every move has in common, once the new state is set. */
+static void arrive(small_state_t *state)
 {
     int32_t g;
-    state->tracker = target;
     state->silence = 0;
     for (g = 0; g < GENERATORS; ++g) {
         state->seen[g] = state->active[g];
         state->stale[g] = 0;
     }
     enter(state);
-    SMALL_TRACE(state, SMALL_TRACE_MOVE, target);
+    SMALL_TRACE(state, SMALL_TRACE_MOVE, state->tracker);
+}
+
+/* Whether a candidate holds: `own` is its generator or -1, a negation; `active` and `seen` tell whether any generator
+ * that must be quiet is active or was; a `loop` leads to the state it leaves. */
+static int holds(const small_state_t *state, int32_t own, int active, int seen, int loop)
+{
+    if (active) {
+        return 0;
+    }
+    if (own < 0) { /* a negation: generators that had no time to become active are no evidence */
+        return state->silence == WINDOW_TICKS || seen;
+    }
+    if (!state->active[own] || state->stale[own]) {
+        return 0;
+    }
+    if (loop) { /* the activity ended and has come back just now */
+        return state->seen[own] && !state->previous[own] && state->silence > 0;
+    }
+    return 1;
+}
+
+static void move(small_state_t *state, int32_t target)
+{
+    state->tracker = target;
+    arrive(state);
+}
+
+static int follow_event(small_state_t *state, int32_t event)
+{
+    const int32_t target = tracker_on_event[state->tracker * EVENTS + event];
+    if (target < 0) {
+        return 0;
+    }
+    move(state, target);
+    return 1;
+}
+
+/* Begins again after an event that nothing explains; it is -1 where it is none of the model. */
+static void restart(small_state_t *state, int32_t event)
+{
+    move(state, event >= 0 ? restart_on_event[event] : RESTART);
 }
 
 static int any_quiet(const uint8_t *flags, int32_t candidate)
@@ -427,31 +478,14 @@ static int any_quiet(const uint8_t *flags, int32_t candidate)
     return 0;
 }
 
-static int holds(const small_state_t *state, int32_t candidate)
-{
-    const int32_t own = candidate_active[candidate];
-    if (any_quiet(state->active, candidate)) {
-        return 0;
-    }
-    if (own < 0) { /* a negation: generators that had no time to become active are no evidence */
-        return state->silence == WINDOW_TICKS || any_quiet(state->seen, candidate);
-    }
-    if (!state->active[own] || state->stale[own]) {
-        return 0;
-    }
-    if (candidate_target[candidate] == state->tracker) { /* a self-loop: the activity ended and has come back just now */
-        return state->seen[own] && !state->previous[own] && state->silence > 0;
-    }
-    return 1;
-}
-
 /* Moves on the first signature that holds and returns it, or -1. */
 static int32_t listen(small_state_t *state)
 {
     int32_t blocked = -1;
     int32_t i;
     for (i = tracker_candidate_end[state->tracker]; i < tracker_candidate_end[state->tracker + 1]; ++i) {
-        if (!holds(state, i)) {
+        if (!holds(state, candidate_active[i], any_quiet(state->active, i), any_quiet(state->seen, i),
+                   candidate_target[i] == state->tracker)) {
             continue;
         }
         if (candidate_signature[i] != state->fired) {
@@ -465,29 +499,6 @@ static int32_t listen(small_state_t *state)
     return -1;
 }
 
-/* After an event the residual of the location just left is still small: that is no news. */
-static void mark_stale(small_state_t *state)
-{
-    int32_t g;
-    for (g = 0; g < GENERATORS; ++g) {
-        state->stale[g] = (uint8_t)(state->previous[g] && state->active[g] && !tracker_provisional[state->tracker]);
-    }
-}
-
-/* Moves on an event; returns the status, or -1 where the state decides it. */
-static int32_t take_event(small_state_t *state, int32_t event)
-{
-    const int known = event >= 1 && event <= EVENTS;
-    const int32_t target = known ? tracker_on_event[state->tracker * EVENTS + event - 1] : -1;
-    SMALL_TRACE(state, SMALL_TRACE_EVENT, event);
-    move(state, target >= 0 ? target : known ? restart_on_event[event - 1] : RESTART);
-    mark_stale(state);
-    if (target >= 0) {
-        return -1;
-    }
-    return SMALL_STATUS_INCONSISTENT;
-}
-
 /* Moves where nothing came in the detection window; returns the status, or -1 where the state decides it. */
 static int32_t take_silence(small_state_t *state)
 {
@@ -496,11 +507,34 @@ static int32_t take_silence(small_state_t *state)
         return -1;
     }
     if (target == TIMEOUT_INCONSISTENT) {
-        move(state, RESTART);
+        restart(state, -1);
         return SMALL_STATUS_INCONSISTENT;
     }
     move(state, target);
     return -1;
+}
+
+/* After an event the residual of the location just left is still small: that is no news. */
+static void mark_stale(small_state_t *state)
+{
+    int32_t g;
+    for (g = 0; g < GENERATORS; ++g) {
+        state->stale[g] = (uint8_t)(state->previous[g] && state->active[g] && !is_provisional(state));
+    }
+}
+
+/* Moves on an event; returns the status, or -1 where the state decides it. */
+static int32_t take_event(small_state_t *state, int32_t event)
+{
+    const int known = event >= 1 && event <= EVENTS;
+    int explained;
+    SMALL_TRACE(state, SMALL_TRACE_EVENT, event);
+    explained = known && follow_event(state, event - 1);
+    if (!explained) {
+        restart(state, known ? event - 1 : -1);
+    }
+    mark_stale(state);
+    return explained ? -1 : SMALL_STATUS_INCONSISTENT;
 }
 
 static int32_t track(small_state_t *state, int32_t event, int32_t *signature)
@@ -522,7 +556,7 @@ static void write_estimate(const small_state_t *state, small_output_t *output)
 {
     int32_t i;
     copy(N, state->x, output->x_hat);
-    output->location = tracker_location[state->tracker];
+    output->location = known_location(state);
     output->identified = output->location >= 0;
     for (i = 0; i < LOCATIONS; ++i) {
         output->entry_estimate[i] = 0;
@@ -537,10 +571,10 @@ static int32_t status_of(const small_state_t *state, int valid)
     if (!valid) {
         return SMALL_STATUS_INVALID;
     }
-    if (tracker_location[state->tracker] >= 0) {
+    if (known_location(state) >= 0) {
         return SMALL_STATUS_IDENTIFIED;
     }
-    return tracker_provisional[state->tracker] ? SMALL_STATUS_PROVISIONAL : SMALL_STATUS_SEARCHING;
+    return is_provisional(state) ? SMALL_STATUS_PROVISIONAL : SMALL_STATUS_SEARCHING;
 }
 
 void small_init(small_state_t *state)
@@ -564,8 +598,8 @@ void small_init(small_state_t *state)
     state->ticks = 0;
     state->tracker = INITIAL;
     state->flow = -1;
-    if (tracker_location[INITIAL] >= 0 && flow_defined[tracker_location[INITIAL]]) {
-        state->flow = tracker_location[INITIAL];
+    if (known_location(state) >= 0 && flow_defined[known_location(state)]) {
+        state->flow = known_location(state);
     }
     state->fired = -1;
     state->silence = 0;
