@@ -120,7 +120,7 @@ def provenance(made: Compilation) -> Provenance:
 def _tracker_notes(made: Compilation) -> tuple[str, ...]:
     if made.observer is None or made.observer.tables.online is None:
         return ()
-    return (f"It runs on line because a table of its location observer has more than {made.observer.max_states} states.",)
+    return (f"On line, as a table of the location observer has more than {made.observer.max_states} states.",)
 
 
 def record(made: Compilation, wishes: Wishes = Wishes()) -> dict[str, object]:

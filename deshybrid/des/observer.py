@@ -68,7 +68,7 @@ def build_location_observer(
     ((('1', '2'), ('2',), ('1',)), (1, 2))
     """
     des, moves = automaton.des, automaton.subsets
-    extra = [_subset(moves, des, _known(des, start)) for start in starts]
+    extra = [_subset(moves, des, _known(des, start, "starts")) for start in starts]
     graph = explore([_subset(moves, des, des.initial)], moves.successors, limit=max_states, what="observer states")
     persistent = persistent_nodes(graph)
     if extra:  # the states known so far go first and keep their numbers
@@ -94,15 +94,36 @@ def entry_estimates(automaton: OutputAutomaton, outputs: Iterable[Output | str])
     (('1', '2'), ('2',), ('1',), ())
     """
     des, moves = automaton.des, automaton.subsets
-    by_text = {str(output): output for output in automaton.outputs}
-    nothing = moves.subset(())
-    subset = _subset(moves, des, des.initial)
-    subsets = [subset]
+    subsets = [_subset(moves, des, des.initial)]
     for output in outputs:
-        seen = by_text.get(str(output))
-        subset = nothing if seen is None else dict(moves.successors(subset)).get(seen, nothing)
-        subsets.append(subset)
+        subsets.append(_after(moves, subsets[-1], output))
     return tuple(_names(moves, des, subset) for subset in subsets)
+
+
+def entry_estimate_after(automaton: OutputAutomaton, estimate: Iterable[str], output: Output | str) -> tuple[str, ...]:
+    """Return the entry estimate after one more output: the observer on line, for systems that no D_O fits.
+
+    `estimate` is the one before, at first the initial set; the result is empty where no location explains the output.
+    Nothing of D_O is built: a step costs the moves of the locations in the estimate.  Raises `UsageError` (DH0404) on
+    an unknown location.
+
+    >>> from deshybrid.des.epsilon import eliminate_epsilon
+    >>> automaton = eliminate_epsilon(DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", "β")]))
+    >>> estimate = automaton.des.initial
+    >>> for output in "αβ":
+    ...     estimate = entry_estimate_after(automaton, estimate, output)
+    ...     print(estimate)
+    ('2',)
+    ('1',)
+    """
+    des, moves = automaton.des, automaton.subsets
+    before = _subset(moves, des, _known(des, tuple(estimate), "estimate"))
+    return _names(moves, des, _after(moves, before, output))
+
+
+def _after(moves: SubsetMoves[Subset], subset: Subset, output: Output | str) -> Subset:
+    text = str(output)
+    return next((after for seen, after in moves.successors(subset) if str(seen) == text), moves.subset(()))
 
 
 def _subset(moves: SubsetMoves[Subset], des: DES, names: Iterable[str]) -> Subset:
@@ -114,11 +135,13 @@ def _names(moves: SubsetMoves[Subset], des: DES, subset: Subset) -> tuple[str, .
     return tuple(des.locations[number] for number in moves.members(subset))
 
 
-def _known(des: DES, start: tuple[str, ...]) -> set[str]:
-    unknown = [name for name in start if name not in des.locations]
+def _known(des: DES, names: tuple[str, ...], what: str) -> set[str]:
+    wanted = set(names)
+    unknown = wanted.difference(des.locations)
     if unknown:
-        raise UsageError(*(diagnostic("DH0404", f"unknown location `{name}` in `starts`") for name in unknown))
-    return set(start)
+        listed = (name for name in names if name in unknown)
+        raise UsageError(*(diagnostic("DH0404", f"unknown location `{name}` in `{what}`") for name in listed))
+    return wanted
 
 
-__all__ = ["LocationObserver", "build_location_observer", "entry_estimates"]
+__all__ = ["LocationObserver", "build_location_observer", "entry_estimate_after", "entry_estimates"]

@@ -67,10 +67,9 @@ class HybridObserver:
     def tracker_reason(self) -> str:
         """How the location observer runs, by a table or on line, and why."""
         if self.tables.online is None:
-            count = len(self.tables.tracker)
-            return f"table of {count} state{'' if count == 1 else 's'}, the limit is {self.max_states}"
+            return f"a table of {_states(len(self.tables.tracker))}, the limit is {self.max_states}"
         pairs = self.tables.online.pairs
-        return f"on line, a set of up to {pairs} pairs; a table would have more than {self.max_states} states"
+        return f"on line, a set of up to {pairs} pairs; a table would have more than {_states(self.max_states)}"
 
     @property
     def step_seconds(self) -> float:
@@ -196,6 +195,10 @@ def _tables(
         reset_offset=reset_offset,
         online=tracker.online,
     )
+
+
+def _states(count: int) -> str:
+    return "1 state" if count == 1 else f"{count} states"
 
 
 def _signatures_in_events(plan: SignaturePlan) -> dict[str, str]:

@@ -42,9 +42,10 @@ class OnlineTracker(NamedTuple):
 
     def known(self, state: int) -> tuple[int, bool]:
         """Return the location where it is identified, else -1, and whether a signature is still due for it."""
-        found = self.entry_estimate(state)
-        if len(found) == 1 and self.persistent[found[0]]:
-            return found[0], False
+        places = self._places(state)
+        location = places.bit_length() - 1
+        if places == 1 << location and self.persistent[location]:
+            return location, False
         return NONE, state >> self.locations != 0
 
     def entry_estimate(self, state: int) -> tuple[int, ...]:

@@ -83,7 +83,8 @@ with open(sys.argv[2], "wb") as out:
         state, estimate = step(TABLES, state, tuple(numbers[:inputs]), tuple(numbers[inputs:]), event)
         location, tracker, signature, status, x = estimate
         out.write(struct.pack("=4i", location, signature, status, location >= 0))
-        out.write(bytes(index in TABLES["tracker"].entry_estimate(tracker) for index in range(len(LOCATIONS))))
+        entered = set(TABLES["tracker"].entry_estimate(tracker))
+        out.write(bytes(index in entered for index in range(len(LOCATIONS))))
         out.write(struct.pack("=%dd" % len(x), *x))
 """
 
@@ -116,6 +117,14 @@ def build(folder: Path, program: str, sources: Sequence[str], standard: str = "c
     return folder / program
 
 
+def table_bytes(folder: Path) -> int:
+    """Return the bytes of all constant tables in the compiled `small.c`, strings not counted."""
+    build(folder, "small.o", ["small.c"], flags=["-c", "-O0"])
+    symbols = subprocess.run(["nm", "-S", "small.o"], cwd=folder, capture_output=True, text=True, check=True).stdout
+    entries = [line.split() for line in symbols.splitlines() if line.split()[-2] in "rRdD"]
+    return sum(int(size, 16) for _, size, _, name in entries if not name.endswith("_names"))
+
+
 def run_c(folder: Path, program: Path, vectors: Sequence[Vector], *, real: str = "double") -> bytes:
     """Return the estimates that the driver writes for the samples of `vectors`."""
     return _run([str(program)], folder, sample_bytes(vectors, real))
@@ -144,9 +153,9 @@ def expected_estimates(tables: StepTables, vectors: Sequence[Vector], *, real: s
     locations = range(len(tables.location_names))
     return b"".join(
         struct.pack("=4i", v.location, v.signature, v.status, v.location >= 0)
-        + bytes(index in v.entry_estimate for index in locations)
+        + bytes(location in entered for location in locations)
         + struct.pack(f"={len(v.x)}{letter}", *v.x)
-        for v in vectors
+        for v, entered in ((vector, set(vector.entry_estimate)) for vector in vectors)
     )
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from deshybrid.des.automaton import DES, Output, Transition
 from deshybrid.des.epsilon import eliminate_epsilon
 from deshybrid.des.observability import check_observability
-from deshybrid.des.observer import build_location_observer, entry_estimates
+from deshybrid.des.observer import build_location_observer, entry_estimate_after, entry_estimates
 from deshybrid.des.persistence import blocked_locations, persistent_locations
 from deshybrid.des.replay import witness_faults
 from tests import naive_des as naive
@@ -89,6 +89,8 @@ def test_entry_estimate_contains_the_location_entered_at_every_output(
     shown = [(Output(gamma), transition.target) for transition, gamma in run if gamma is not None]
     estimates = entry_estimates(eliminate_epsilon(des), [output for output, _ in shown])
     assert all(target in estimate for (_, target), estimate in zip(shown, estimates[1:], strict=True))
+    for (output, _), before, after in zip(shown, estimates, estimates[1:], strict=False):
+        assert entry_estimate_after(eliminate_epsilon(des), before, output) == after
 
 
 @given(systems())

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.families import observable_from_the_end
 from deshybrid.cli import main
 from deshybrid.console import working
 from deshybrid.diagnostics import OutOfResources
@@ -209,6 +210,63 @@ def test_compile_of_a_plant_without_observer_writes_the_report_only(tmp_path: Pa
     assert done.returncode == 1
     assert {"report.html", "report.json", "des.svg"} <= made
     assert not {"c", "python", "design.json"} & made
+
+
+def remembering(folder: Path) -> Path:
+    """A model of 92 locations whose observer has more than 2^12 states."""
+    des = observable_from_the_end(12)
+    arcs = [{"from": t.source, "event": t.event, "to": t.target, "emits": t.outputs[0]} for t in des.transitions]
+    tree = {"format": "deshybrid/1", "name": "memory", "locations": list(des.locations), "initial": list(des.initial)}
+    (folder / "memory.json").write_text(json.dumps({**tree, "transitions": arcs}))
+    return folder / "memory.json"
+
+
+def test_a_model_whose_observer_is_too_large_for_a_table_compiles_and_the_report_says_how_it_runs(
+    tmp_path: Path,
+) -> None:
+    done = deshybrid("compile", remembering(tmp_path), "-o", tmp_path / "out", "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    observer = json.loads(done.stdout)["observer"]
+    assert (observer["tracker"], observer["states"], observer["certified"]) == ("online", None, True)
+    assert observer["tracker_reason"] == "on line, a set of up to 92 pairs; a table would have more than 2000 states"
+    assert observer["cost"]["memberships"] > 0
+    assert json.loads((tmp_path / "out/report.json").read_text()) == json.loads(done.stdout)
+    manifest = json.loads((tmp_path / "out/MANIFEST.json").read_text())
+    written = {str(path.relative_to(tmp_path / "out")) for path in (tmp_path / "out").rglob("*") if path.is_file()}
+    assert set(manifest["files"]) == written
+    assert not [name for name in written if "observer" in name]
+    assert manifest["options"]["max_states"] == 2000
+    page = (tmp_path / "out/report.html").read_text()
+    assert "The location observer <b>runs on line</b>" in page
+    assert f"{observer['cost']['memberships']:,}</td>" in page
+    ran = subprocess.run(
+        [sys.executable, tmp_path / "out/python/memory.py"], capture_output=True, text=True, check=False
+    )
+    assert ran.stdout == "memory: ok, 400 samples equal the reference bit for bit\n"
+
+
+def test_compile_says_in_words_whether_the_observer_is_a_table(tmp_path: Path) -> None:
+    table = deshybrid("compile", FIG3, "-o", tmp_path / "table").stdout
+    assert "location observer: a table of 6 states, the limit is 2000" in table
+    on_line = deshybrid("compile", FIG3, "-o", tmp_path / "on_line", "--max-states", 1).stdout
+    assert "location observer: on line, a set of up to 5 pairs; a table would have more than 1 state" in on_line
+
+
+def test_run_gives_the_same_estimates_on_line_and_by_a_table(tmp_path: Path) -> None:
+    model = remembering(tmp_path)
+    events = "".join(f"{tick},{event}\n" for tick, event in enumerate("0110100110012222"))
+    (tmp_path / "trace.csv").write_text("time,event\n" + events)
+    on_line = deshybrid("run", model, "--trace", tmp_path / "trace.csv")
+    table = deshybrid("run", model, "--trace", tmp_path / "trace.csv", "--max-states", 100_000)
+    assert (on_line.returncode, on_line.stderr) == (0, "")
+    assert on_line.stdout == table.stdout
+    assert on_line.stdout.splitlines()[-1] == "15.0,end,end,1,,identified"
+
+
+def test_the_drawing_of_an_observer_that_is_too_large_still_ends_in_exit_code_3(tmp_path: Path) -> None:
+    done = deshybrid("draw", remembering(tmp_path), "--what", "observer", "--max-states", 2000)
+    assert done.returncode == 3
+    assert "DH0901" in done.stderr
 
 
 def test_figure_9_runs_from_the_command_line(tmp_path: Path) -> None:
