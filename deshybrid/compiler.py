@@ -383,17 +383,9 @@ def compile(
         made = design(system, rate=rate, dwell=dwell, step=step, max_states=max_states)
     if not made.exists:
         return Compilation(made, None)
-    plan = made.recovery.plan
+    given = (system, made.recovery.plan, made.detector, made.gains)
     try:
-        observer = build_observer(
-            system,
-            plan,
-            made.detector,
-            made.gains,
-            step=made.step,
-            certificates=made.certificates,
-            max_states=max_states,
-        )
+        observer = build_observer(*given, step=made.step, certificates=made.certificates, max_states=max_states)
     except GainError as error:
         return Compilation(replace(made, problems=made.problems + error.diagnostics), None)
     return Compilation(made, observer)
