@@ -177,20 +177,23 @@ def recover(
     max_states: MaxStates = 100_000,
     timeout: Timeout = None,
     max_memory: MaxMemory = None,
+    every: Annotated[bool, typer.Option("--all", help="list all cheapest sets")] = False,
+    most: Annotated[int, typer.Option(min=1, help="list at most so many sets, with exit code 3 beyond")] = 100,
     read_as: ReadAs = None,
     as_json: AsJson = False,
     output: Output = None,
 ) -> None:
     """Which smallest set of extra signals makes the current location observable?"""
-    from deshybrid import compiler
-    from deshybrid.emit.records import recover_record, to_json
+    from deshybrid import plans
+    from deshybrid.emit.records import to_json
 
     with working("looking for the cheapest signatures", timeout, max_memory):
-        recovery = compiler.recover(_read(model, read_as), max_states=max_states)
-    record = recover_record(recovery.plan, recovery.feasibility)
-    _write(output, to_json(record) if as_json else f"{recovery}\n")
-    _say(recovery.diagnostics)
-    _finish(recovery.plan.recoverable)
+        found = plans.answer(_read(model, read_as), max_states=max_states, seconds=timeout, most=most if every else 0)
+    _write(output, to_json(found.record()) if as_json else f"{found}\n")
+    _say(found.diagnostics)
+    if not found.decided:
+        raise typer.Exit(LIMIT)
+    _finish(found.recovery.plan.recoverable)
 
 
 @app.command()
@@ -352,16 +355,19 @@ def convert(
 
 @app.command()
 def verify(
-    design_file: Annotated[str, typer.Argument(metavar="DESIGN", help="a design.json, a compiled folder, or -")],
+    design_file: Annotated[str, typer.Argument(metavar="FILE", help="a design, a plan, a compiled folder, or -")],
+    model: Annotated[str | None, typer.Option(help="the model that the JSON of `recover` has to be for")] = None,
+    timeout: Timeout = None,
     as_json: AsJson = False,
     output: Output = None,
 ) -> None:
-    """Check the certificates of a design in exact arithmetic, without the code that made them."""
+    """Check the certificates of a design, or a plan of signatures, exactly and without the code that made them."""
+    from deshybrid import plans
     from deshybrid.emit.records import to_json
-    from deshybrid.verify import read_design, verify_design
+    from deshybrid.verify import read_design
 
-    with working("verifying"):
-        result = verify_design(read_design(design_file))
+    with working("verifying", timeout):
+        result = plans.verify_tree(read_design(design_file), None if model is None else _read(model, None))
     _write(output, to_json(result.record()) if as_json else f"{result}\n")
     _finish(result.holds)
 

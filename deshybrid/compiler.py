@@ -63,17 +63,17 @@ class Recovery(Explained):
     @property
     def feasibility(self) -> Mapping[str, str]:
         """What the dynamics allow of each signature of the plan, by its name."""
-        found = {entry.location: entry for entry in self.candidates}
+        found = {entry.candidate.name: entry for entry in self.candidates}
         return {
-            signature.name: found[signature.location].feasibility(signature.by, signature.transitions)
+            signature.name: found[signature.name].feasibility(signature.by, signature.transitions)
             for signature in self.plan.signatures
         }
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
-        """Why nothing helps, where the plant is not recoverable: the confusion that all candidates together leave."""
+        """Why nothing helps, where all candidates together leave a confusion; or what a limit has left undecided."""
         if self.plan.recoverable:
-            return ()
+            return self.plan.undecided
         left_out = tuple(verdict.reason for entry in self.candidates for verdict in entry.excluded)
         notes = tuple(f"no signature: {reason}" for reason in left_out)
         return tuple(replace(d, notes=d.notes + notes) for d in unrecoverable(self.plan.report))
@@ -256,8 +256,10 @@ def check(source: Source, *, method: Method = "auto", max_states: int = MAX_STAT
     return check_observability(to_des(source), method=method, max_states=max_states)
 
 
-def recover(source: Source, *, max_states: int = MAX_STATES) -> Recovery:
+def recover(source: Source, *, max_states: int = MAX_STATES, seconds: float | None = None) -> Recovery:
     """Find the cheapest signatures that make the current location observable, with a proof.  Stage 6.
+
+    After `seconds` the best plan so far is returned, with a lower bound.
 
     Source: Balluchi et al. (2012), section 4.1; the minimum by implicit hitting sets.
 
@@ -267,16 +269,14 @@ def recover(source: Source, *, max_states: int = MAX_STATES) -> Recovery:
     ['s_2']
     """
     from deshybrid.des.signatures import recover_observability
-    from deshybrid.detector.candidates import discrete_candidates, signature_candidates
+    from deshybrid.detector.candidates import offers
 
     model = to_system(source)
-    if isinstance(model, DES):
-        system, des, candidates = None, model, discrete_candidates(model)
-    else:
-        system, des = model, abstract(model)
-        candidates = signature_candidates(model, des)
-    plan = recover_observability(des, tuple(entry.candidate for entry in candidates), max_states=max_states)
-    return Recovery(system, check_observability(des, max_states=max_states), candidates, plan)
+    des, candidates = offers(model)
+    offered = tuple(entry.candidate for entry in candidates)
+    plan = recover_observability(des, offered, max_states=max_states, seconds=seconds)
+    check = check_observability(des, max_states=max_states)
+    return Recovery(None if isinstance(model, DES) else model, check, candidates, plan)
 
 
 def design(

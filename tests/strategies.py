@@ -150,6 +150,16 @@ def random_candidates(rng: random.Random, des: DES) -> tuple[Candidate, ...]:
     )
 
 
+def random_detectors(rng: random.Random, des: DES, *, most: int = 2) -> tuple[Candidate, ...]:
+    """Up to `most` detectors of two or more locations each, which may overlap, on all transitions into these."""
+    found = []
+    for number in range(rng.randint(1, most)):
+        covers = rng.sample(des.locations, rng.randint(min(2, len(des.locations)), len(des.locations)))
+        taken = [n for n, t in enumerate(des.transitions) if t.target in covers]
+        found.append(Candidate.covering(f"d{number}", covers, taken, cost=rng.choice([0.0, 0.5, 1.0, 1.5, 2.0])))
+    return tuple(found)
+
+
 # ---- hybrid systems that run ------------------------------------------------------------------------------------
 
 

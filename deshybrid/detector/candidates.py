@@ -11,6 +11,7 @@ A transition that may `never` be seen is left out of the candidate, with the rea
 changes but the state: only a reset that the outputs of q show is seen, and negation never shows it.
 
 A purely discrete model says nothing of the physics: every verdict is `unknown` and no transition is left out.
+A detector that covers several locations is a device of its own: all of its verdicts are `unknown`.
 Cost: two rank tests of size n_p + n_q per pair of locations, O(|Q|² n^4) at most.
 Source: Balluchi et al. (2012), section 4.1; joint observability: Vidal et al. (2003).
 """
@@ -23,7 +24,8 @@ import numpy as np
 
 from deshybrid.des.automaton import DES, Transition
 from deshybrid.des.signatures import Candidate
-from deshybrid.model.system import HybridSystem, HybridTransition, SignatureCandidate
+from deshybrid.model.abstraction import abstract
+from deshybrid.model.system import CoveringDetector, HybridSystem, HybridTransition, SignatureCandidate
 
 Feasibility: TypeAlias = Literal["always", "generic", "never", "unknown"]
 ORDER: tuple[Feasibility, ...] = ("always", "generic", "unknown", "never")
@@ -41,7 +43,7 @@ class TransitionVerdict:
 
 @dataclass(frozen=True, slots=True)
 class FeasibleCandidate:
-    """The candidate signature of one location, with the verdict on every transition that enters it.
+    """The candidate signature of one location or covering detector, with the verdict on all transitions into it.
 
     `candidate` holds the transitions that are left; with none left it offers a residual generator at most, which the
     negation of others may need.
@@ -106,7 +108,21 @@ def signature_candidates(system: HybridSystem, des: DES) -> tuple[FeasibleCandid
         verdict = _unknown("a discrete model says nothing of what the residuals of its locations can tell")
     else:
         verdict = _Physics(system, des).verdict
-    return tuple(_candidate(des, wish, system.signatures.forbid, verdict) for wish in wishes)
+    forbid = system.signatures.forbid
+    several = tuple(_covering(des, detector, forbid) for detector in system.signatures.detectors)
+    return tuple(_candidate(des, wish, forbid, verdict) for wish in wishes) + several
+
+
+def offers(model: HybridSystem | DES) -> tuple[DES, tuple[FeasibleCandidate, ...]]:
+    """Return D_H of a model, and the signatures that may be added to it.
+
+    >>> [entry.candidate.name for entry in offers(DES.from_transitions([("1", "a", "2", "α")]))[1]]
+    ['s_1', 's_2']
+    """
+    if isinstance(model, DES):
+        return model, discrete_candidates(model)
+    des = abstract(model)
+    return des, signature_candidates(model, des)
 
 
 def signature_name(des: DES, location: str) -> str:
@@ -158,6 +174,15 @@ def _candidate(
         negation=wish.by != "residual" and set(transitions) <= set(negation),
     )
     return FeasibleCandidate(candidate, verdicts)
+
+
+def _covering(des: DES, detector: CoveringDetector, forbid: tuple[tuple[str, str], ...]) -> FeasibleCandidate:
+    verdict = _unknown(f"nothing is said of how the detector `{detector.name}` works")
+    covers = tuple(location for location in des.locations if location in set(detector.covers))
+    arcs = enumerate(des.transitions)
+    taken = tuple(n for n, t in arcs if t.target in set(covers) and (t.source, t.target) not in forbid)
+    candidate = Candidate.covering(signature_name(des, detector.name), covers, taken, cost=detector.cost)
+    return FeasibleCandidate(candidate, tuple(verdict(number) for number in taken))
 
 
 def _unknown(reason: str) -> Callable[[int], TransitionVerdict]:
@@ -254,6 +279,7 @@ __all__ = [
     "alternatives",
     "discrete_candidates",
     "feasibility",
+    "offers",
     "signature_candidates",
     "signature_name",
 ]

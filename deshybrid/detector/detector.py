@@ -22,7 +22,7 @@ Source: Balluchi et al. (2012), sections 4.1 and 5.1, Figure 15.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
@@ -116,7 +116,7 @@ def build_detector(
     detector is empty.
 
     Raises `UsageError`: DH0601 step, DH0602 poles, DH0604 thresholds, DH0603 for a location that measures nothing; all
-    generators are looked at before anything is raised.
+    generators are looked at before anything is raised.  DH0610 for a signature of several locations.
 
     >>> from deshybrid.des.signatures import recover_observability
     >>> from deshybrid.detector.candidates import signature_candidates
@@ -135,9 +135,9 @@ def build_detector(
     _require_step(system, step)
     dwell = _shortest_stay(system) if dwell is None else dwell
     names = () if system.is_discrete else plan.generators
-    problems: list[Diagnostic] = []
+    problems: list[Diagnostic] = [] if system.is_discrete else list(_covering(plan))
     generators = []
-    for name in names:
+    for name in () if problems else names:
         try:
             generators.append(_fast_enough(system, system.location(name), rate=rate, dwell=dwell, step=step))
             _require_threshold(system, generators[-1])
@@ -171,6 +171,14 @@ def delay_warnings(detector: TransitionDetector) -> tuple[Diagnostic, ...]:
         "simulate the plant and run the observer on it before you trust it: `deshybrid simulate`, `deshybrid run`",
     )
     return (diagnostic("DH0609", message, notes=tuple(notes), helps=helps, severity="warning"),)
+
+
+def _covering(plan: SignaturePlan) -> Iterator[Diagnostic]:
+    for signature in plan.signatures:
+        if signature.covers:
+            text = f"signature `{signature.name}` announces several locations, which no residual generator does"
+            helps = ("leave the detector out of `signatures`, or model the plant without continuous state",)
+            yield diagnostic("DH0610", text, helps=helps)
 
 
 def _fast_enough(

@@ -1,12 +1,15 @@
 """The JSON forms of the stages' values; their keys are a contract (see the documentation of the commands)."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 
+from deshybrid.des.automaton import DES, Output
+from deshybrid.des.candidates import Candidate
+from deshybrid.des.minimum import MinimumSets
 from deshybrid.des.observability import ObservabilityReport
 from deshybrid.des.observer import LocationObserver
-from deshybrid.des.signatures import SignaturePlan
+from deshybrid.des.plan import Constraint, Signature, SignaturePlan
 from deshybrid.des.witness import Witness
 
 
@@ -61,19 +64,15 @@ def _observer_record(observer: LocationObserver) -> dict[str, object]:
 
 
 def recover_record(plan: SignaturePlan, feasibility: Mapping[str, str]) -> dict[str, object]:
-    """Return what `recover --json` prints; `feasibility` by signature name: always, generic, never or unknown."""
-    arcs = plan.des.transitions
+    """Return what `recover --json` prints; `feasibility` by signature name: always, generic, never or unknown.
+
+    What comes after `check` is what `verify` needs: numbers of transitions are places in `system.transitions`.
+    """
     return {
         "recoverable": plan.recoverable,
         "already_observable": plan.already_observable,
         "signatures": [
-            {
-                "name": signature.name,
-                "location": signature.location,
-                "transitions": [[arcs[i].source, arcs[i].event, arcs[i].target] for i in signature.transitions],
-                "by": signature.by,
-                "feasibility": feasibility[signature.name],
-            }
+            signature_record(plan.des, signature) | {"feasibility": feasibility[signature.name]}
             for signature in plan.signatures
         ],
         "generators": len(plan.generators),
@@ -81,4 +80,76 @@ def recover_record(plan: SignaturePlan, feasibility: Mapping[str, str]) -> dict[
         "lower_bound": plan.lower_bound,
         "optimal": plan.optimal,
         "check": check_record(plan.report),
+        "gap": plan.gap,
+        "fewest": plan.fewest,
+        "generator_names": list(plan.generators),
+        "instrumented": {signature.name: list(signature.transitions) for signature in plan.signatures},
+        **plan_parts(plan.des, plan.candidates),
+        "constraints": [_constraint_record(constraint) for constraint in plan.constraints],
     }
+
+
+def signature_record(des: DES, signature: Signature) -> dict[str, object]:
+    """Return a signature of a plan; `covers` is there for a detector of several locations only."""
+    arcs = [des.transitions[number] for number in signature.transitions]
+    return {
+        "name": signature.name,
+        "location": signature.location,
+        **({"covers": list(signature.covers)} if signature.covers else {}),
+        "transitions": [[arc.source, arc.event, arc.target] for arc in arcs],
+        "by": signature.by,
+    }
+
+
+def system_record(des: DES) -> dict[str, object]:
+    """Return the DES that a plan is for; an output null is ε."""
+    return {
+        "locations": list(des.locations),
+        "initial": list(des.initial),
+        "transitions": [[t.source, t.event, t.target, [_text(seen) for seen in t.seen]] for t in des.transitions],
+    }
+
+
+def candidate_records(candidates: Iterable[Candidate]) -> list[dict[str, object]]:
+    """Return the candidates that a plan was chosen from."""
+    return [
+        {
+            "name": candidate.name,
+            "locations": list(candidate.entered),
+            "covering": bool(candidate.covers),
+            "transitions": list(candidate.transitions),
+            "cost": candidate.cost,
+            "residual": candidate.residual,
+            "negation": candidate.negation,
+        }
+        for candidate in candidates
+    ]
+
+
+def plan_parts(des: DES, candidates: Iterable[Candidate]) -> dict[str, object]:
+    """Return the parts of a plan that come from its model."""
+    return {"system": system_record(des), "candidates": candidate_records(candidates)}
+
+
+def minimum_record(found: MinimumSets) -> dict[str, object]:
+    """Return what `recover --all --json` adds."""
+    des = found.plan.des
+    sets = [
+        {"signatures": [signature_record(des, s) for s in one.signatures], "generator_names": list(one.generators)}
+        for one in found.sets
+    ]
+    return {"minimum_sets": sets, "all_minimum_sets": found.complete}
+
+
+def _constraint_record(constraint: Constraint) -> dict[str, object]:
+    return {
+        "condition": constraint.condition,
+        "transitions": list(constraint.transitions),
+        "detectors": list(constraint.detectors),
+        "runs": [[[step.transition, _text(step.output)] for step in run] for run in constraint.runs],
+        "cycles": [list(cycle) for cycle in constraint.cycles],
+    }
+
+
+def _text(output: Output | None) -> str | None:
+    return None if output is None else str(output)

@@ -6,7 +6,9 @@ Both the checks of `decode` and the JSON Schema of `schema` are driven by these 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-Role: TypeAlias = Literal["model", "location", "state", "input", "output", "disturbance", "event", "discrete output"]
+Role: TypeAlias = Literal[
+    "model", "location", "state", "input", "output", "disturbance", "event", "discrete output", "detector"
+]
 
 
 @dataclass(frozen=True, slots=True)

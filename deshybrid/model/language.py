@@ -103,6 +103,18 @@ CANDIDATE = Record(
         Key("by", Word(("residual", "negation")), "how it may be made; either where not written"),
     ),
 )
+COVERING = Record(
+    "one detector for several locations",
+    (
+        Key(
+            "covers",
+            ListOf(Name("location"), distinct=True, least=1),
+            "the locations whose entry it announces, without saying which",
+            required=True,
+        ),
+        Key("cost", _NOT_NEGATIVE, "what it costs; 1 where not written"),
+    ),
+)
 SIGNATURES = Record(
     "which signatures may be added to make the location observable",
     (
@@ -110,6 +122,11 @@ SIGNATURES = Record(
             "candidates",
             MapOf("location", ByForm(mapping=CANDIDATE, null=True)),
             "the locations that may have one; all where not written",
+        ),
+        Key(
+            "detectors",
+            MapOf("detector", COVERING, declares=True),
+            "detectors that announce several locations by one signature; none where not written",
         ),
         Key(
             "forbid",

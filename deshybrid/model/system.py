@@ -90,11 +90,22 @@ class SignatureCandidate:
 
 
 @dataclass(frozen=True, slots=True)
+class CoveringDetector:
+    """A detector that the model offers: it announces the entry of any of the locations `covers`, all in one way."""
+
+    name: str
+    covers: tuple[str, ...]
+    cost: float = 1.0
+    span: Span | None = field(default=None, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True)
 class SignatureOptions:
     """`candidates` None: any location may have a signature, cost 1; `forbid`: (source, target) never instrumented."""
 
     candidates: tuple[SignatureCandidate, ...] | None = None
     forbid: tuple[tuple[str, str], ...] = ()
+    detectors: tuple[CoveringDetector, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

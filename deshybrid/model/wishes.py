@@ -15,6 +15,7 @@ from deshybrid.model.fields import Field, Fields
 from deshybrid.model.problems import Problems
 from deshybrid.model.shapes import Expected, checked, count
 from deshybrid.model.system import (
+    CoveringDetector,
     DetectorOptions,
     HybridTransition,
     Location,
@@ -37,10 +38,11 @@ def build_signatures(model: Fields, transitions: tuple[HybridTransition, ...], p
             text = f"no transition leads from `{source}` to `{target}`"
             problems.add(diagnostic("DH0218", text, row.span, "nothing to forbid"))
         pairs.append((source, target))
+    detectors = tuple(_detector_of_several(name, field) for name, field in written.fields("detectors"))
     if written.get("candidates") is None:
-        return SignatureOptions(None, tuple(pairs))
+        return SignatureOptions(None, tuple(pairs), detectors)
     candidates = tuple(_candidate(name, field) for name, field in written.fields("candidates"))
-    return SignatureOptions(candidates, tuple(pairs))
+    return SignatureOptions(candidates, tuple(pairs), detectors)
 
 
 def _candidate(name: str, field: Field) -> SignatureCandidate:
@@ -48,6 +50,12 @@ def _candidate(name: str, field: Field) -> SignatureCandidate:
     cost = field.fields.number("cost")
     span = field.key.span if field.key is not None else field.span
     return SignatureCandidate(name, 1.0 if cost is None else cost, kinds.get(field.fields.text("by")), span)
+
+
+def _detector_of_several(name: str, field: Field) -> CoveringDetector:
+    cost, covers = field.fields.number("cost"), field.fields.get("covers")
+    span = field.key.span if field.key is not None else field.span
+    return CoveringDetector(name, () if covers is None else covers.names, 1.0 if cost is None else cost, span)
 
 
 def build_observer(

@@ -121,12 +121,14 @@ class _Moves:
         self.plan = plan
         self.des = plan.complementary or plan.des
         self.place = {name: number for number, name in enumerate(self.des.locations)}
-        self.number = {signature.name: number for number, signature in enumerate(plan.signatures)}
+        carried = (t.signature for t in self.des.transitions if t.signature is not None)  # also of several detectors
+        names = dict.fromkeys((*(signature.name for signature in plan.signatures), *carried))
+        self.number = {name: number for number, name in enumerate(names)}
         self.heard = () if signatures_are_events else tuple(self.number)
         self.events = {gamma: Output(gamma) for gamma in outputs_of(self.des)}
         if signatures_are_events:
-            together = (seen for transition in self.des.transitions for seen in transition.seen if seen is not None)
-            for output in (*(Output(None, name) for name in self.number), *together):
+            pairs = (seen for transition in self.des.transitions for seen in transition.seen if seen is not None)
+            for output in (*(Output(None, name) for name in self.number), *pairs):
                 self.events.setdefault(str(output), output)
         self.event_names = tuple(self.events)
         self.showing: dict[str | None, list[Transition]] = {}

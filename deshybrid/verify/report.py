@@ -23,7 +23,8 @@ class Check(NamedTuple):
 class VerifyReport:
     """What was proved.  `silent`: certificates that do not claim to hold, of which nothing was checked.
 
-    `unchecked`: what else the file says and is not checked here.
+    `unchecked`: what else the file says and is not checked here, with a `doubt` that follows in the text.  `what` was
+    checked: inequalities of certificates, claims of a plan.
 
     `holds`: at least one certificate claims to hold, and every inequality of those that do was proved.
     """
@@ -31,6 +32,8 @@ class VerifyReport:
     checks: tuple[Check, ...]
     silent: tuple[str, ...]
     unchecked: tuple[str, ...] = UNCHECKED
+    what: str = "inequalities"
+    doubt: str = "; whether a reset or location was left out"
 
     @property
     def holds(self) -> bool:
@@ -58,10 +61,10 @@ class VerifyReport:
             return "nothing verified: no certificate of this design claims to hold"
         lines = [f"refused: {c.certificate}, {c.location}: not proved: {c.inequality}" for c in self.refused]
         lines += [f"not claimed: {name}" for name in self.silent]
-        lines.append("not checked: " + ", ".join(self.unchecked) + "; whether a reset or location was left out")
+        lines.append("not checked: " + ", ".join(self.unchecked) + self.doubt)
         verdict = "refused" if self.refused else "verified"
         proved = len(self.checks) - len(self.refused)
-        return "\n".join([f"{verdict}: {proved} of {len(self.checks)} inequalities proved in exact arithmetic", *lines])
+        return "\n".join([f"{verdict}: {proved} of {len(self.checks)} {self.what} proved in exact arithmetic", *lines])
 
 
 __all__ = ["UNCHECKED", "Check", "VerifyReport"]

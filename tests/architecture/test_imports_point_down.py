@@ -23,6 +23,7 @@ LEVEL = {
     "verify": 5,
     "compiler": 6,
     "bundle": 7,
+    "plans": 7,
     "console": 7,
     "cli": 8,
 }

@@ -330,10 +330,18 @@ class TestCandidates:
         with pytest.raises(UsageError, match="carries a signature already"):
             recover_observability(SPLIT.with_signatures({1: "s"}), (Candidate("t", "2", (1,)),))
 
-    def test_too_few_rounds_are_a_limit(self) -> None:
-        with pytest.raises(LimitReached) as caught:
-            recover_observability(SPLIT, candidates_everywhere(SPLIT), max_rounds=1)
-        assert caught.value.diagnostics[0].code == "DH0902"
+    def test_too_few_rounds_still_give_a_plan_and_say_what_is_undecided(self) -> None:
+        plan = recover_observability(SPLIT, candidates_everywhere(SPLIT), max_rounds=0)
+        assert plan.report.current_location_observable
+        assert (plan.optimal, plan.fewest, plan.lower_bound, plan.gap) == (False, False, 0.0, 1.0)
+        (message,) = plan.undecided
+        assert (message.code, message.severity) == ("DH0902", "error")
+
+    def test_a_proven_cost_with_an_open_number_of_transitions_is_a_warning(self) -> None:
+        plan = recover_observability(SPLIT, candidates_everywhere(SPLIT), max_rounds=1)
+        assert (plan.optimal, plan.fewest, plan.gap) == (True, False, 0.0)
+        (message,) = plan.undecided
+        assert (message.code, message.severity) == ("DH0902", "warning")
 
 
 def test_every_code_of_the_discrete_half_is_explained() -> None:

@@ -21,6 +21,7 @@ def plan_with(des: DES, signatures: tuple[Signature, ...], generators: tuple[str
     report = check_observability(complementary)
     return SignaturePlan(
         des=des,
+        candidates=(),
         recoverable=True,
         already_observable=False,
         signatures=signatures,
@@ -28,6 +29,7 @@ def plan_with(des: DES, signatures: tuple[Signature, ...], generators: tuple[str
         cost=float(len(generators)),
         lower_bound=None,
         optimal=False,
+        fewest=True,
         constraints=(),
         confused=None,
         complementary=complementary,
