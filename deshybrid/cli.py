@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
-from deshybrid.console import open_missing_streams, size_in_bytes, working
+from deshybrid.console import open_missing_streams, working
 from deshybrid.diagnostics import (
     DeshybridError,
     Diagnostic,
@@ -24,6 +24,24 @@ from deshybrid.diagnostics import (
     render_all,
 )
 from deshybrid.observer import MAX_TABLE
+from deshybrid.options import (
+    AsJson,
+    CheckMethod,
+    DrawFormat,
+    DrawWhat,
+    DwellTime,
+    Every,
+    MaxMemory,
+    MaxStates,
+    Model,
+    Most,
+    Output,
+    Rate,
+    ReadAs,
+    Step,
+    TableStates,
+    Timeout,
+)
 
 if TYPE_CHECKING:
     from deshybrid.des.automaton import DES
@@ -48,36 +66,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-Model = Annotated[
-    str, typer.Argument(metavar="MODEL", help="a model, another tool's automaton, or - for standard input")
-]
-Output = Annotated[Path | None, typer.Option("-o", "--output", help="write the result here instead of standard output")]
-ReadAs = Annotated[str | None, typer.Option("--from", help="format of MODEL, as of `convert`; default: its suffix")]
-AsJson = Annotated[bool, typer.Option("--json", help="write JSON")]
-MaxStates = Annotated[int, typer.Option(min=1, help="stop with exit code 3 beyond this many observer states")]
-TableStates = Annotated[
-    int, typer.Option(min=1, help="the most states of a tabulated location observer; beyond them it runs on line")
-]
-Timeout = Annotated[
-    float | None, typer.Option(min=0.001, max=1e7, help="stop with exit code 3 after this many seconds")
-]
-MaxMemory = Annotated[
-    int | None,
-    typer.Option(
-        parser=size_in_bytes,
-        metavar="SIZE",
-        help="stop with exit code 3 beyond this much memory, as in 4GiB; default: half of what is available",
-    ),
-]
-Rate = Annotated[float | None, typer.Option(help="rate of convergence in 1/s; default: the model's `observer: rate`")]
-DwellTime = Annotated[float | None, typer.Option(help="dwell time in s; default: the model's")]
-Step = Annotated[
-    float | None, typer.Option(help="sampling step in s; default: the model's `observer: step`, else a derived one")
-]
-CheckMethod = Literal["auto", "observer", "pairs"]
-DrawFormat = Literal["svg", "png", "pdf", "dot", "mmd", "graphml"]
-DrawWhat = Literal["des", "dprime", "observer", "complementary", "complementary-observer"]
 
 
 def _tell_version(wanted: bool) -> None:
@@ -177,8 +165,8 @@ def recover(
     max_states: MaxStates = 100_000,
     timeout: Timeout = None,
     max_memory: MaxMemory = None,
-    every: Annotated[bool, typer.Option("--all", help="list all cheapest sets")] = False,
-    most: Annotated[int, typer.Option(min=1, help="list at most so many sets, with exit code 3 beyond")] = 100,
+    every: Every = False,
+    most: Most = 100,
     read_as: ReadAs = None,
     as_json: AsJson = False,
     output: Output = None,

@@ -24,8 +24,9 @@ LEVEL = {
     "compiler": 6,
     "bundle": 7,
     "plans": 7,
+    "options": 8,
     "console": 7,
-    "cli": 8,
+    "cli": 9,
 }
 BESIDE = {("detector", "continuous")}  # residual gains are placed by the code that places observer gains
 

@@ -1,0 +1,62 @@
+"""The options and arguments that several commands share, with what `--help` says of them.
+
+In: nothing.  Out: annotated types for the functions of `cli`.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from deshybrid.console import size_in_bytes
+
+Model = Annotated[
+    str, typer.Argument(metavar="MODEL", help="a model, another tool's automaton, or - for standard input")
+]
+Output = Annotated[Path | None, typer.Option("-o", "--output", help="write the result here instead of standard output")]
+ReadAs = Annotated[str | None, typer.Option("--from", help="format of MODEL, as of `convert`; default: its suffix")]
+AsJson = Annotated[bool, typer.Option("--json", help="write JSON")]
+MaxStates = Annotated[int, typer.Option(min=1, help="stop with exit code 3 beyond this many observer states")]
+TableStates = Annotated[
+    int, typer.Option(min=1, help="the most states of a tabulated location observer; beyond them it runs on line")
+]
+Timeout = Annotated[
+    float | None, typer.Option(min=0.001, max=1e7, help="stop with exit code 3 after this many seconds")
+]
+MaxMemory = Annotated[
+    int | None,
+    typer.Option(
+        parser=size_in_bytes,
+        metavar="SIZE",
+        help="stop with exit code 3 beyond this much memory, as in 4GiB; default: half of what is available",
+    ),
+]
+Rate = Annotated[float | None, typer.Option(help="rate of convergence in 1/s; default: the model's `observer: rate`")]
+DwellTime = Annotated[float | None, typer.Option(help="dwell time in s; default: the model's")]
+Step = Annotated[
+    float | None, typer.Option(help="sampling step in s; default: the model's `observer: step`, else a derived one")
+]
+CheckMethod = Literal["auto", "observer", "pairs"]
+DrawFormat = Literal["svg", "png", "pdf", "dot", "mmd", "graphml"]
+DrawWhat = Literal["des", "dprime", "observer", "complementary", "complementary-observer"]
+Every = Annotated[bool, typer.Option("--all", help="list all cheapest sets")]
+Most = Annotated[int, typer.Option(min=1, help="list at most so many sets, with exit code 3 beyond")]
+
+__all__ = [
+    "AsJson",
+    "CheckMethod",
+    "DrawFormat",
+    "DrawWhat",
+    "DwellTime",
+    "Every",
+    "MaxMemory",
+    "MaxStates",
+    "Model",
+    "Most",
+    "Output",
+    "Rate",
+    "ReadAs",
+    "Step",
+    "TableStates",
+    "Timeout",
+]
