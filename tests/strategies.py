@@ -156,7 +156,8 @@ def random_detectors(rng: random.Random, des: DES, *, most: int = 2) -> tuple[Ca
     for number in range(rng.randint(1, most)):
         covers = rng.sample(des.locations, rng.randint(min(2, len(des.locations)), len(des.locations)))
         taken = [n for n, t in enumerate(des.transitions) if t.target in covers]
-        found.append(Candidate.covering(f"d{number}", covers, taken, cost=rng.choice([0.0, 0.5, 1.0, 1.5, 2.0])))
+        if taken:
+            found.append(Candidate.covering(f"d{number}", covers, taken, cost=rng.choice([0.0, 0.5, 1.0, 1.5, 2.0])))
     return tuple(found)
 
 
