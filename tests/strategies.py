@@ -9,7 +9,9 @@ from typing import Literal
 
 import numpy as np
 from hypothesis import strategies as st
+from scipy.linalg import expm
 
+from deshybrid.continuous.error import ErrorDynamics, ErrorReset
 from deshybrid.des.automaton import DES, Transition
 from deshybrid.des.candidates import Candidate
 from deshybrid.des.composition import Composition
@@ -311,3 +313,41 @@ def documents(draw: st.DrawFn, *, without: str = "", outputs: bool = True, one_i
     marked = tuple(name for name in names if draw(st.booleans()))
     alphabet = tuple(Event(event, draw(st.booleans()), visible[event]) for event in events)
     return Document(DES(tuple(names), arcs, tuple(initial), draw(hostile_names(without=without))), marked, alphabet)
+
+
+# ---- switched error dynamics --------------------------------------------------------------------------------------
+
+
+@st.composite
+def switched_errors(draw: st.DrawFn) -> tuple[ErrorDynamics, dict[str, tuple[float, float]]]:
+    """Two or three locations on a random graph without dead ends, any of which may grow, with bounds of their stays."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    n, count = draw(st.integers(1, 3)), draw(st.integers(2, 3))
+    names = tuple(f"q{number}" for number in range(count))
+    step = draw(st.sampled_from([None, 0.25]))
+    arcs = {(k, (k + 1) % count) for k in range(count)}
+    arcs |= {(k, j) for k in range(count) for j in range(count) if rng.random() < 0.3}
+    matrices = {}
+    for name in names:
+        F = rng.standard_normal((n, n)) - draw(st.sampled_from([0.0, 1.0, 3.0])) * np.eye(n)
+        matrices[name] = F if step is None else expm(F * step)
+    size = draw(st.sampled_from([0.2, 0.5, 1.0]))
+    resets = tuple(
+        ErrorReset(names[i], names[j], size * rng.standard_normal((n, n)), np.zeros(n)) for i, j in sorted(arcs)
+    )
+    stays = {name: (low := rng.integers(1, 5) / 4, low + rng.integers(0, 6) / 4) for name in names}
+    return ErrorDynamics(names, matrices, resets, step), stays
+
+
+@st.composite
+def written_cycles(draw: st.DrawFn) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """A cycle as (A, C, R¹ to the next), in small fractions: diagonal plants with some axes unseen, axes permuted."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    n, count = draw(st.integers(1, 3)), draw(st.integers(1, 3))
+    cycle = []
+    for _ in range(count):
+        A = np.diag(rng.permutation(np.arange(1, n + 1)) / 10 - 0.2)
+        seen = rng.random(n) < 0.6
+        C = (seen * rng.integers(1, 4, n) / 3)[None]
+        cycle.append((A, C, np.eye(n)[rng.permutation(n)] * rng.integers(0, 3, n) / 7))
+    return cycle

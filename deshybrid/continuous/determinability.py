@@ -25,7 +25,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from deshybrid.continuous.determinability_coordinates import condition_16, hidden_projection, written
+from deshybrid.continuous.determinability_coordinates import hidden_dimensions, hidden_projection, written
 from deshybrid.continuous.error import ErrorReset
 from deshybrid.linear.arrays import ComplexArray, FloatArray
 from deshybrid.linear.dynamics import LinearDynamics
@@ -40,13 +40,21 @@ HALVINGS = 200
 
 @dataclass(frozen=True, slots=True)
 class CycleStart:
-    """What Theorem 4 says of one start: (16), R_N, and the longest stay (s) by (28) as printed and as proven, ε = 1."""
+    """What Theorem 4 says of one start: (16), R_N, and the longest stay (s) by (28) as printed and as proven, ε = 1.
+
+    hidden: how many dimensions have been hidden by every location so far, location by location, and after the round.
+    """
 
     location: str
-    condition_16: bool
+    hidden: tuple[int, ...]
     R_N: float
     max_sojourn: float
     max_sojourn_proven: float
+
+    @property
+    def condition_16(self) -> bool:
+        """True where nothing stays hidden all the way round."""
+        return self.hidden[-1] == 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +120,7 @@ class Determinability:
                 {
                     "location": entry.location,
                     "condition_16": entry.condition_16,
+                    "hidden": list(entry.hidden),
                     "R_N": entry.R_N,
                     "max_sojourn": _finite(entry.max_sojourn),
                     "max_sojourn_proven": _finite(entry.max_sojourn_proven),
@@ -123,19 +132,24 @@ class Determinability:
     def __str__(self) -> str:
         start = self.start
         round_trip = " -> ".join((*self.cycle, self.cycle[0]))
-        hidden = ", ".join(f"{count} in `{name}`" for name, count in self.unobservable_dimension.items() if count)
-        verdict = (
-            "what one location hides, others show" if start.condition_16 else "a part stays hidden all the way round"
-        )
+        k = self.cycle.index(start.location)
+        order = self.cycle[k:] + self.cycle[:k]
+        left = ", ".join(f"{count} in `{name}`" for name, count in zip(order, start.hidden, strict=False))
+        holds = "holds" if start.condition_16 else "does not hold"
+        hidden = ", ".join(f"{count} in `{name}`" for name, count in self.unobservable_dimension.items())
         lines = [
-            f"cycle {round_trip}; states that no output shows: {hidden}",
-            f"(16) {'holds' if start.condition_16 else 'does not hold'} from `{start.location}`: {verdict}",
-            f"(28) as printed: stays up to {start.max_sojourn:.5g} s (R_N = {start.R_N:.5g}, ν_A = {self.nu_A:.6g});"
-            f" as proven: up to {start.max_sojourn_proven:.5g} s",
+            f"cycle {round_trip}; dimensions hidden: {hidden}",
+            f"(16) {holds} from `{start.location}`; hidden by every location so far: {left}",
+            f"(28) as printed: {_up_to(start.max_sojourn)} (R_N = {start.R_N:.5g}, ν_A = {self.nu_A:.6g});"
+            f" as proven: {_up_to(start.max_sojourn_proven)}",
         ]
         if self.speed is not None:
             lines.append(_speed_text(self.speed))
         return "\n".join(lines)
+
+
+def _up_to(duration: float) -> str:
+    return f"stays up to {duration:.5g} s" if isfinite(duration) else "stays of any length"
 
 
 def _speed_text(speed: SpeedCondition) -> str:
@@ -202,8 +216,8 @@ def determinability(
     for k, name in enumerate(cycle):
         order, jumps = parts[k:] + parts[:k], [reset.matrix for reset in (*resets[k:], *resets[:k])]
         R_N = _unseen_norm(order, jumps)
-        closed = condition_16(exact[k:] + exact[:k], moved[k:] + moved[:k])
-        starts.append(CycleStart(name, closed, R_N, _printed_limit(R_N, nu, len(cycle)), _proven_limit(R_N, parts)))
+        left = hidden_dimensions(exact[k:] + exact[:k], moved[k:] + moved[:k])
+        starts.append(CycleStart(name, left, R_N, _printed_limit(R_N, nu, len(cycle)), _proven_limit(R_N, parts)))
     best = max(starts, key=lambda start: (start.condition_16, start.max_sojourn))
     k = starts.index(best)
     ordered, jumps = parts[k:] + parts[:k], [reset.matrix for reset in (*resets[k:], *resets[:k])]
@@ -304,12 +318,14 @@ def _printed_limit(R_N: float, nu: float, count: int) -> float:
 
 
 def _proven_limit(R_N: float, parts: Sequence[_Part]) -> float:
-    """The longest stay with R_N [(1 + δ)^S - 1] <= 1, by bisection from below."""
+    """The longest stay with R_N [(1 + δ)^S - 1] <= 1, by bisection from below; infinite where R_N is zero."""
 
     def fits(duration: float) -> bool:
         drift = max(part.drift(duration) for part in parts)
         return drift < 1e100 and R_N * ((1 + drift) ** len(parts) - 1) <= 1
 
+    if R_N == 0.0:
+        return inf
     high = 1.0
     while fits(high):
         high *= 2
@@ -341,7 +357,7 @@ def _speed(
         b = _power(alpha_F * shortest) + nu_P * (a - _power(alpha_F * longest)) / gap
     left = a ** (S - 1) * b
     right = (1 - epsilon) / (2 ** (S - 1) * R_X) if R_X else inf
-    printed = start.condition_16 and 0 < epsilon < 1 and left < right
+    printed = start.condition_16 and epsilon < 1 and left < right
     drift = max(part.drift(longest) for part in parts)
     bound = start.R_N * ((1 + drift) ** S - 1) + R_X * ((a + b) ** S - a**S)
     return SpeedCondition(

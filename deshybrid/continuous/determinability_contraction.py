@@ -12,7 +12,7 @@ Between grid points.  The stays of a location are cut into cells [a, b].  In a c
 e^{F τ} = e^{F a} + s F e^{F a} + rest, where ‖rest‖ <= w²/2 ‖F² e^{F a}‖ b and b bounds ‖e^{F u}‖ for u <= w, all
 norms in P.  Hence ‖E(τ)‖ <= ‖R (e^{F a} + w/2 F e^{F a})‖ + w/2 ‖R F e^{F a}‖ + ‖R‖ ‖rest‖; cells are halved until that
 is below γ.  Fast modes have died out before the shortest stay, so few cells are needed.  In sampled time N = (M - I)/h
-takes the place of F and M^k that of e^{F k h}; the same bound holds.
+takes the place of F and M^k that of e^{F k h}; the same bound holds, and a cell of one step has its two ends only.
 
 P without a solver: P_i = I + γ₀⁻² Σ E_ij(τ)ᵀ P_j E_ij(τ) over the resets and the two ends of the stays, in the units of
 the states; it exists for γ₀ above the root of the spectral radius of that sum.  Where it fails and Clarabel is
@@ -280,7 +280,10 @@ class _Cells:
             self.speed = log(max(1.0, float(np.linalg.norm(inside, 2)))) / box.dynamics.step
 
     def bound(self, a: float, b: float) -> float:
-        """The largest ‖E‖ in a cell, bounded as the module says."""
+        """The largest ‖E‖ in a cell, bounded as the module says; a single step has two stays, which need no bound."""
+        step = self.box.dynamics.step
+        if step is not None and round((b - a) / step) == 1:
+            return max(self.bound(a, a), self.bound(b, b))
         flow, w = self.box.flow(self.name, a), b - a
         slope = self.N @ flow
         rest = w * w / 2 * float(np.linalg.norm(self.root @ self.N @ slope @ self.back, 2))

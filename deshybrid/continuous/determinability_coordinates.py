@@ -164,20 +164,24 @@ def _orthogonal(vectors: Sequence[Sequence[Fraction]]) -> list[list[Fraction]]:
     return found
 
 
-def condition_16(projections: Sequence[Rational], resets: Sequence[Rational]) -> bool:
-    """Return whether R_S P_S ... R_1 P_1 = 0 for the projections P_i onto what is hidden and the resets that follow.
+def hidden_dimensions(projections: Sequence[Rational], resets: Sequence[Rational]) -> tuple[int, ...]:
+    """Return how much stays hidden on the way round: the ranks of P_1, P_2 R_1 P_1, ..., R_S P_S ... R_1 P_1.
 
-    Decided exactly.  Source: Balluchi et al. (2003), (16).
+    projections: P_i onto what each location hides; resets: R_i, which follows location i.  Decided exactly.  The last
+    rank is 0 where (16) of Balluchi et al. (2003) holds.
 
     >>> first, second = hidden_projection(np.eye(1), np.zeros((1, 1))), hidden_projection(np.eye(1), np.eye(1))
     >>> one = ((Fraction(1),),)
-    >>> condition_16([first, second], [one, one]), condition_16([first, first], [one, one])
-    (True, False)
+    >>> hidden_dimensions([first, second], [one, one]), hidden_dimensions([first, first], [one, one])
+    ((1, 0, 0), (1, 1, 1))
     """
     whole = projections[0]
+    found = [whole]
     for reset, after in zip(resets[:-1], projections[1:], strict=True):
         whole = product(product(after, reset), whole)
-    return not any(value for row in product(resets[-1], whole) for value in row)
+        found.append(whole)
+    found.append(product(resets[-1], whole))
+    return tuple(len(matrix) - len(_kernel(matrix, len(matrix))) for matrix in found)
 
 
-__all__ = ["condition_16", "hidden_projection", "kalman_coordinates", "simplest_rational", "written"]
+__all__ = ["hidden_dimensions", "hidden_projection", "kalman_coordinates", "simplest_rational", "written"]

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from deshybrid.continuous.cycles import DwellLowerLimit
 from deshybrid.continuous.determinability_design import Determined
+from deshybrid.continuous.determinability_theorem2 import theorem_2
 from deshybrid.continuous.dwell import DwellTimeCertificate
-from deshybrid.continuous.error import dynamics_of, error_resets
+from deshybrid.continuous.error import dynamics_of, error_dynamics, error_resets
 from deshybrid.continuous.gains import ObserverGains
 from deshybrid.continuous.ultimate import UltimateBound
 from deshybrid.linear.arrays import ComplexArray, FloatArray
@@ -52,6 +53,7 @@ def design_document(
         "ultimate_bound": None if ultimate is None else _finite(ultimate.value),
         "detection_delay": dict(detection_delay or {}),
         "determinability": None if determined is None else determined.record(alone),
+        "theorem_2": theorem_2(error_dynamics(system, gains.gains), gains.dwell).record(),
         "rate": gains.rate,
         "requested_rate": gains.requested_rate,
         "method": gains.method,

@@ -10,8 +10,9 @@ The idea, in a cell [a, a + w], X = e^{F a}, ‖·‖ in P: by Taylor's formula 
     ‖E‖ <= ‖R (X + w/2 F X)‖ + w/2 ‖R F X‖ + ‖R‖ w²/2 ‖F² X‖ e^{β w},   Fᵀ P_i + P_i F <= 2 β P_i.
 
 In sampled time N = (M - I)/h stands for F and powers of M for X; the discrete Taylor formula has the same bound, with
-M^T P_i M <= g² P_i and g^{w/h} for e^{β w}.  X is enclosed: fixed-point Taylor series and squaring, every rounding
-counted.  Floating point proposes norms, exact elimination decides.  A few ms a cell and reset for n = 4.
+MᵀP_i M <= g² P_i and g^{w/h} for e^{β w}; a cell of one step has its two ends only.  X is enclosed: fixed-point Taylor
+series and squaring, every rounding counted.  Floating point proposes norms, exact elimination decides.  A few ms a cell
+and reset for n = 4.
 
 Source: Taylor; error dynamics (24) of Balluchi et al. (2003); LDLᵀ over the rationals.
 """
@@ -131,6 +132,8 @@ class _Bound:
 
     def _cell(self, a: Fraction, b: Fraction, growth: Fraction, resets: Mapping[str, Fraction]) -> bool:
         w = b - a
+        if self.claim.step is not None and round(w / self.claim.step) == 1:
+            return all(self._cell(end, end, growth, resets) for end in (a, b))
         flow, radius = self._flow(a)
         slope = product(self.N, flow)
         bent = product(self.N, slope)

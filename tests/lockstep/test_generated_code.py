@@ -65,6 +65,13 @@ def test_c_python_and_reference_agree_bit_for_bit_on_the_driveline(count, tmp_pa
 
 
 @needs_compiler
+def test_c_python_and_reference_agree_bit_for_bit_where_locations_rely_on_each_other(tmp_path):
+    compiled = compiler.compile(MODELS / "balluchi2003" / "three_locations.yaml")
+    assert compiled.observer is not None
+    harness.assert_lockstep(tmp_path, compiled.observer.tables, count=10_000)
+
+
+@needs_compiler
 @pytest.mark.parametrize("seed", range(12))
 def test_c_python_and_reference_agree_bit_for_bit_on_random_tables_of_every_size(seed, tmp_path):
     harness.assert_lockstep(tmp_path, random_tables(seed), count=2000)
