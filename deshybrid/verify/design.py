@@ -74,6 +74,9 @@ def verify_design(document: Mapping[str, object]) -> VerifyReport:
     checks += [Check(c.name, *said) for c in boxes if not isinstance(c, str) for said in contraction_checks(plant, c)]
     if checks:
         checks += [Check("design", *said) for said in _summary_checks(plant, claims, summary)]
+        if not any(claim.holds for claim in claims):
+            slow = all(summary.rate <= box.rate for box in boxes if not isinstance(box, str))
+            checks.append(Check("design", "every location", "`rate` is not above those of the certificates", slow))
     silent = [claim.name for claim in claims if not claim.holds] + [c for c in boxes if isinstance(c, str)]
     return VerifyReport(tuple(checks), tuple(silent))
 
