@@ -174,8 +174,11 @@ class TestObserver:
     def test_auto_goes_over_to_pairs_where_the_observer_is_too_large(self) -> None:
         des = exponential(14)
         assert check_observability(des).method == "pairs"
-        with pytest.raises(LimitReached):
-            check_observability(des, method="observer", max_states=500)
+
+    def test_a_no_that_is_certain_at_the_limit_is_a_no_and_the_observer_is_left_out(self) -> None:
+        report = check_observability(exponential(14), method="observer", max_states=500)
+        assert not report.current_location_observable
+        assert (report.observer, report.method_reason) == (None, "a limit was reached")
 
     def test_an_output_that_nothing_explains_leaves_an_empty_estimate(self) -> None:
         assert entry_estimates(eliminate_epsilon(RING), ["α", "α", "β"]) == (("1", "2"), ("2",), (), ())
