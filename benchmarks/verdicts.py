@@ -11,7 +11,6 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any, TypeAlias
 
 from benchmarks.families import (
@@ -21,6 +20,7 @@ from benchmarks.families import (
     observable_sparse,
     sparse,
 )
+from benchmarks.growth import POINTS
 from deshybrid.des.automaton import DES
 from deshybrid.des.composed import check_composition
 from deshybrid.des.composition import Composition
@@ -43,7 +43,6 @@ COMPOSITIONS: dict[str, Callable[[], Composition]] = {
     "12 stations, 20¹² states, two alike, not observable": partial(line_of_stations, 12, size=20, alike=(4, 9)),
 }
 SIZES = (1_000, 2_000, 5_000, 10_000, 20_000, 50_000, 100_000)
-POINTS = Path(__file__).parent / "growth.json"
 
 
 def measure(make: Callable[[], DES]) -> tuple[str, float, float]:
@@ -93,7 +92,7 @@ def table(systems: Mapping[str, Callable[[], Any]], how: Measure, columns: str, 
         print(f"\n| system | {columns} | s | GiB |\n|{'---|' * (columns.count('|') + 4)}")
     for name, make in wanted.items():
         facts, seconds, gib = alone(how, make)
-        print(f"| {name} | {facts} | {seconds:.1f} | {gib:.2f} |", flush=True)
+        print(f"| {name} | {facts} | {seconds:.2f} | {gib:.2f} |", flush=True)
 
 
 def measure_growth() -> None:
@@ -103,7 +102,7 @@ def measure_growth() -> None:
         name: [[size, *alone(measure, partial(family, size, silent=0.05))[1:]] for size in SIZES]
         for name, family in families.items()
     }
-    POINTS.write_text(json.dumps({"columns": ["locations", "seconds", "GiB"], **points}, indent=1) + "\n")
+    POINTS.write_text(json.dumps({"columns": ["locations", "seconds", "GiB"], "points": points}, indent=1) + "\n")
 
 
 def main() -> None:

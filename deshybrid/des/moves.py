@@ -7,6 +7,7 @@ Cost: linear in the moves that are made, times the logarithm of the number of ed
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -17,10 +18,11 @@ from deshybrid.diagnostics import check_limits
 
 Pairs: TypeAlias = NDArray[np.int64]
 _BATCH = 1 << 20
+_TABLE = 1 << 22  # entries of 8 bytes
 _BATCH_BYTES = 64 * _BATCH
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class PairMoves:
     """Edges by source and output; a pair (p, q), p <= q, of location numbers is packed as p · `size` + q.
 
@@ -82,6 +84,18 @@ class PairMoves:
             yield self._successors(codes[start:stop])
             start = stop
 
+    def _group_of(self, wanted: Pairs) -> Pairs:
+        """Return the numbers of the groups, any number where there is none: by a table where that is small enough."""
+        if self.size * self.outputs > _TABLE:
+            return np.minimum(np.searchsorted(self.group, wanted), len(self.group) - 1)
+        return self._table[wanted]
+
+    @cached_property
+    def _table(self) -> Pairs:
+        table = np.zeros(self.size * self.outputs, dtype=np.int64)
+        table[self.group] = np.arange(len(self.group))
+        return table
+
     def _successors(self, codes: Pairs) -> Pairs:
         """For each edge of p, the edges of q with the same output."""
         if not len(self.group):
@@ -90,7 +104,7 @@ class PairMoves:
         count = self.count[p]
         edges = ranges(self.first[p], count)
         wanted = np.repeat(q, count) * self.outputs + self.output[edges]
-        place = np.minimum(np.searchsorted(self.group, wanted), len(self.group) - 1)
+        place = self._group_of(wanted)
         alike = self.group[place] == wanted
         place, to_p = place[alike], self.target[edges[alike]]
         times = self.group_count[place]
