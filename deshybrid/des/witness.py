@@ -75,7 +75,7 @@ def c1_witness(automaton: OutputAutomaton, silent_exit: int) -> Witness:
     """Return a run through a cycle to the persistent source of transition number `silent_exit`, which is then taken.
 
     The run starts, if there is one, from the first initial location from which the observer would know better: without
-    the cycle and the silent exit, its entry estimate is exactly that source.
+    the cycle and the silent exit, its entry estimate is exactly that source.  Else it starts from a nearest one.
 
     >>> from deshybrid.des.automaton import DES
     >>> from deshybrid.des.epsilon import eliminate_epsilon
@@ -111,16 +111,14 @@ def _convincing_prefix(automaton: OutputAutomaton, first_of_cycle: int, tail: li
     graph = location_graph(des)
     entry = graph.nodes.index(des.transitions[first_of_cycle].source)
     goal = des.transitions[tail[-1]].target if tail else des.transitions[first_of_cycle].source
-    first: list[int] | None = None
     for start in des.initial[:_STARTS_TRIED]:
         walk = shortest_walk(graph, graph.nodes.index(start), lambda node: node == entry)
         if walk is None:
             continue
         prefix = [graph.arcs[arc][1] for arc in walk]
-        first = prefix if first is None else first
         if entry_estimates(automaton, _shown(automaton, [*prefix, *tail]))[-1] == (goal,):
             return prefix
-    return first if first is not None else [graph.arcs[arc][1] for arc in graph.path_to(entry)]
+    return [graph.arcs[arc][1] for arc in graph.path_to(entry)]
 
 
 def _shown(automaton: OutputAutomaton, transitions: Iterable[int]) -> list[Output]:

@@ -1,6 +1,6 @@
 """Runs the tests of `deshybrid.des` on mutants of it, each in a child process of its own, and says which survive.
 
-In: modules, and how many mutants of each.  Out: one line a mutant (killed, timeout or survived), for `summary`.
+In: a module and some of its mutants.  Out: each with `killed`, `timeout` (killed too) or `survived`.
 Idea: the parent loads everything but `deshybrid.des`; a child loads the mutant in place of the module and runs the
 module's tests until one fails.  A child has a bound on its processor time and its memory: a mutant that needs more than
 the tests ever need is killed by it.
@@ -67,22 +67,28 @@ def _is_later_batch(item: pytest.Item) -> bool:
     return bool(item.callspec.params.get("first"))  # type: ignore[attr-defined]
 
 
-def chosen(module: str, sample: int | None, seed: int) -> list[Mutant]:
-    """All mutants of a module, or a seeded sample of them, in the order of the source."""
-    every = mutants(module, (SOURCES / f"{module}.py").read_text(encoding="utf-8"))
+def mutants_of(module: str) -> list[Mutant]:
+    """All mutants of a module."""
+    return mutants(module, (SOURCES / f"{module}.py").read_text(encoding="utf-8"))
+
+
+def chosen(every: list[Mutant], sample: int | None, seed: int = 0) -> list[Mutant]:
+    """All of them, or a seeded sample, in the order of the source."""
     if sample is None or sample >= len(every):
         return every
-    return sorted(random.Random(f"{seed} {module}").sample(every, sample), key=lambda mutant: mutant.line)
+    return sorted(
+        random.Random(f"{seed} {every[0].module}").sample(every, sample), key=lambda mutant: (mutant.line, mutant.key)
+    )
 
 
-def verdicts(module: str, sample: int | None = None, seed: int = 0) -> Iterator[tuple[Mutant, str]]:
-    """Yield each chosen mutant with `killed`, `timeout` or `survived`."""
+def verdicts(module: str, selected: list[Mutant]) -> Iterator[tuple[Mutant, str]]:
+    """Yield each mutant with `killed`, `timeout` or `survived`."""
     source = (SOURCES / f"{module}.py").read_text(encoding="utf-8")
     outcome, needed = fate(module, source)
     if outcome != "survived":
         raise SystemExit(f"the tests of {module} fail without a mutant: {outcome}")
-    for mutant in chosen(module, sample, seed):
-        yield mutant, fate(module, mutated(source, mutant), seconds=int(2 * needed) + 5)[0]
+    for mutant in selected:
+        yield mutant, fate(module, mutated(source, mutant), seconds=int(1.5 * needed) + 3)[0]
 
 
 def fate(module: str, text: str, *, seconds: int = SECONDS) -> tuple[str, float]:
@@ -126,4 +132,4 @@ def _run_tests(module: str, text: str, seconds: int) -> int:
     return int(pytest.main([*pytest_options, *skipped, *tests_of(module)], plugins=[_FirstBatch()]))
 
 
-__all__ = ["chosen", "fate", "verdicts"]
+__all__ = ["chosen", "fate", "mutants_of", "verdicts"]

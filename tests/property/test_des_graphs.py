@@ -17,6 +17,7 @@ from deshybrid.des.cycles import (
 from deshybrid.des.lassos import find_lasso
 from deshybrid.des.search import explore_until, find_first, labels_to
 from deshybrid.des.worklist import Graph, explore
+from deshybrid.diagnostics import LimitReached
 from tests.naive_des import reachable, reachable_from_cycles
 
 BATCH = 500
@@ -126,6 +127,23 @@ def test_a_search_in_shares_gives_the_first_part_that_has_what_is_sought() -> No
         assert (len(part[0].nodes), part[1]) == (nodes, sought)
         assert asked == [size for size in (1001, 4001, 5001) if size <= nodes]
     assert explore_until([0], onwards, lambda graph: None) is None
+
+
+def test_exploring_stops_just_beyond_its_limit_and_says_how_far_it_came() -> None:
+    assert len(explore([0], lambda node: [("next", (node + 1) % 3)], limit=3).nodes) == 3
+    with pytest.raises(LimitReached) as stopped:
+        explore([0], lambda node: [("left", node + 1), ("right", node + 2)], limit=5)
+    (problem,) = stopped.value.diagnostics
+    assert problem.message == "there are more than 5 states"
+    assert problem.notes == ("6 states were found when the search stopped, 2 of them not yet expanded",)
+
+
+def test_a_search_in_shares_ends_with_the_share_that_was_the_last() -> None:
+    asked: list[int] = []
+    answer = explore_until(
+        [1], lambda node: [("next", node + 1)] if node < 1000 else [], lambda graph: asked.append(len(graph.nodes))
+    )
+    assert (answer, asked) == (None, [1000])
 
 
 @batches

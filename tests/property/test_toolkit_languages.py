@@ -9,7 +9,7 @@ from deshybrid.des.automaton import DES
 from deshybrid.des.composition import Composition, parallel
 from deshybrid.des.estimates import current_estimates, initial_estimates
 from deshybrid.des.languages import determinise, equivalent, included, minimise
-from deshybrid.des.operations import accessible, hide, project, reverse, trim
+from deshybrid.des.operations import accessible, coaccessible, hide, project, reverse, trim
 from deshybrid.des.runs import shortest_run
 from tests import naive_toolkit as naive
 from tests.naive_des import all_outputs, reachable
@@ -35,6 +35,8 @@ def test_accessible_and_trimmed_parts_hold_exactly_the_locations_on_runs(first: 
         assert set(part.locations) == naive.trimmed(des, marked)
         assert list(part.transitions) == [t for t in des.transitions if {t.source, t.target} <= set(part.locations)]
         assert part.initial == tuple(name for name in des.initial if name in part.locations)
+        back = [(target, source) for source, target in arcs]
+        assert set(coaccessible(des, marked=marked).locations) == reachable(marked, back)
 
 
 @batches

@@ -43,7 +43,9 @@ def assert_fault_stays_unseen(des: DES, witness: TwinWitness) -> None:
 
 
 def assert_fault_comes_unforeseen(des: DES, witness: TwinWitness) -> None:
-    (first, second), (_, (start, stop)) = witness.runs, witness.cycles
+    (first, second), (end, (start, stop)) = witness.runs, witness.cycles
+    assert end == (len(first) - 1, len(first) - 1)
+    assert witness.repeated == (len(witness.outputs), len(witness.outputs))
     assert first[-1].event == "f"
     assert not has_fault(first[:-1])
     assert not has_fault(second)

@@ -72,6 +72,14 @@ class TestVerdicts:
         assert replay_witness(des, report.witness)
         assert "does not see the last step" in verdict_diagnostics(report)[0].notes[-1]
 
+    def test_the_run_of_c1_starts_where_the_observer_would_know_better_after_starts_that_lead_nowhere(
+        self,
+    ) -> None:
+        rows = [("0", "z", "9", "ζ"), ("2", "d", "5", None), ("5", "a", "2", "α")]
+        witness = check_observability(DES.from_transitions(rows, initial=["0", "2", "5"])).witness
+        assert witness is not None
+        assert [step.location for step in witness.runs[0]] == ["5", "2", "5", "2", "5"]
+
     def test_a_transition_that_may_be_silent_breaks_c1(self) -> None:
         des = DES.from_transitions([("1", "a", "2", "α"), ("1", "a", "2", None), ("2", "b", "1", "β")])
         report = check_observability(des)

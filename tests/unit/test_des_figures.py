@@ -198,6 +198,23 @@ def test_message_about_fig2_names_the_condition_the_place_the_cycle_and_a_run() 
         )
 
 
+def test_further_silent_exits_are_labels_where_they_are_written_and_named_where_they_are_not() -> None:
+    source = SourceText("plant.yaml", "\n".join(f"line {number}" for number in range(9)))
+    rows = [("1", "a", "2", None), ("2", "b", "3", None), ("3", "c", "1", None)]
+    first, second, third = DES.from_transitions(rows).transitions
+    placed = (
+        replace(first, span=Span(source, 1, 1, 4), output_span=Span(source, 2, 1, 4)),
+        replace(second, span=Span(source, 3, 1, 4)),
+        third,
+    )
+    (message,) = verdict_diagnostics(check_observability(DES(("1", "2", "3"), placed)))
+    assert [(label.span and label.span.line, label.text) for label in message.labels] == [
+        (2, "emits the null output"),
+        (3, "emits the null output"),
+    ]
+    assert "3 -c-> 1 emits the null output" in message.notes
+
+
 def test_message_about_fig3_gives_both_runs_and_what_can_be_repeated() -> None:
     (message,) = verdict_diagnostics(check_observability(FIG3))
     assert message.code == "DH0402"

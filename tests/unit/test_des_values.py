@@ -10,6 +10,7 @@ from functools import cached_property
 import pytest
 
 from deshybrid import des
+from deshybrid.des.composition import Composition
 
 MODULES = [importlib.import_module(f"deshybrid.des.{module.name}") for module in pkgutil.iter_modules(des.__path__)]
 VALUES = sorted(
@@ -59,3 +60,5 @@ def test_a_search_gives_up_where_its_documentation_says() -> None:
     for function, parameter, default in limits():
         found.setdefault(function, {})[parameter] = default
     assert {function: found[function] for function in LIMITS} == LIMITS
+    searches = [inspect.signature(search).parameters for search in (Composition.find, Composition.build)]
+    assert [parameters["max_states"].default for parameters in searches] == [1_000_000, 100_000]

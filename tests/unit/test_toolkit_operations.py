@@ -58,12 +58,34 @@ def test_trim_towards_nothing_is_empty_and_its_language_too() -> None:
     assert included(LINE, empty).word == ()
 
 
+def test_minimal_automata_of_equal_languages_are_equal_where_signatures_alone_tell_outputs_apart() -> None:
+    rows = [
+        ("1", "a", "2", "α"),
+        ("1", "b", "3", "α"),
+        ("1", "c", "4", "α"),
+        ("2", "d", "2", "β"),
+        ("3", "e", "4", "γ"),
+    ]
+    des = DES.from_transitions(rows, initial=["1"]).with_signatures({0: "t", 1: "s"})
+    turned = DES(des.locations, des.transitions[::-1], des.initial)
+    smallest = minimise(determinise(des))
+    assert smallest.transitions == minimise(determinise(turned)).transitions
+    assert [str(output) for source, output, _ in smallest.transitions if source == 0] == ["α", "α,s", "α,t"]
+
+
 def test_joint_outputs_are_named_by_all_parts_that_show_something() -> None:
     one = DES.from_transitions([("1", "e", "1", "α"), ("1", "e", "1", None)])
     two = DES.from_transitions([("x", "e", "x", "β"), ("x", "e", "x", "α")]).with_signatures({0: "s"})
     joint = product(one, two).transitions[0]
     assert joint.outputs == ("α+β", "α", "β")
     assert joint.signature == "s"
+
+
+def test_a_joint_transition_leads_nowhere_from_a_state_of_another_composition() -> None:
+    joint, _ = next(Composition((LINE, LINE)).successors()(("1", "1")))
+    assert joint.after(("1", "1")) == ("2", "2")
+    with pytest.raises(ValueError, match="zip"):
+        joint.after(("1",))
 
 
 def test_an_event_that_one_component_lacks_is_private_in_parallel_and_impossible_in_the_product() -> None:
