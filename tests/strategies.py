@@ -102,7 +102,20 @@ def random_plan(rng: random.Random, *, negations: bool = False, locations: int =
     complementary = des.with_signatures({n: s.name for s in signatures for n in s.transitions})
     report = check_observability(complementary)
     return SignaturePlan(
-        des, True, False, tuple(signatures), tuple(generators), 0.0, 0.0, False, (), None, complementary, report
+        des=des,
+        candidates=(),
+        recoverable=True,
+        already_observable=False,
+        signatures=tuple(signatures),
+        generators=tuple(generators),
+        cost=0.0,
+        lower_bound=0.0,
+        optimal=False,
+        fewest=False,
+        constraints=(),
+        confused=None,
+        complementary=complementary,
+        report=report,
     )
 
 

@@ -17,7 +17,7 @@ Source: Moreno-Centeno and Karp (2013), implicit hitting sets; Davies and Bacchu
 import time
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from deshybrid.des.confusions import departures, joint_cycles, minimal
 from deshybrid.des.program import Program, Row, Selection, solve
@@ -42,23 +42,21 @@ class Outcome:
     demands: tuple[Demand, ...]
 
 
-@dataclass(slots=True)
 class Search:
-    """Demands grow, objective by objective, until a choice succeeds; `options` and `generators` are the best so far."""
+    """Demands grow, objective by objective, until a choice succeeds; `options` and `generators` are the best so far.
 
-    separation: Separation
-    program: Program
-    deadline: float | None = None
-    rounds: int = 10_000
-    demands: dict[Choice, Demand] = field(default_factory=dict)
-    options: Choice = frozenset()
-    generators: Choice = frozenset()
-    bound: float = 0.0
-    settled: list[float] = field(default_factory=list)
+    Not a value: it is at work until `run` returns an `Outcome`.
+    """
 
-    def __post_init__(self) -> None:
-        self.generators = frozenset(range(len(self.program.generators)))
-        self.options = self.program.available(self.generators)
+    def __init__(
+        self, separation: Separation, program: Program, deadline: float | None = None, rounds: int = 10_000
+    ) -> None:
+        self.separation, self.program, self.deadline, self.rounds = separation, program, deadline, rounds
+        self.demands: dict[Choice, Demand] = {}
+        self.settled: list[float] = []
+        self.bound = 0.0
+        self.generators: Choice = frozenset(range(len(program.generators)))
+        self.options: Choice = program.available(self.generators)
 
     def run(self) -> Outcome:
         """Return the best choice; what a limit has left open shows in `settled`."""
