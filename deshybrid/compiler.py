@@ -27,9 +27,9 @@ from deshybrid.model.timing import sampling_step
 from deshybrid.observer import MAX_TABLE
 
 if TYPE_CHECKING:
+    from deshybrid.continuous.certified import Certificate
     from deshybrid.continuous.cycles import DwellLowerLimit
     from deshybrid.continuous.determinability_design import Determined, Stays
-    from deshybrid.continuous.dwell import DwellTimeCertificate
     from deshybrid.continuous.gains import ObserverGains
     from deshybrid.continuous.ultimate import UltimateBound
     from deshybrid.des.signatures import SignaturePlan
@@ -97,7 +97,7 @@ class Design(Explained):
     step: float
     detector: "TransitionDetector | None" = None
     gains: "ObserverGains | None" = None
-    certificates: "tuple[DwellTimeCertificate, ...]" = ()
+    certificates: "tuple[Certificate, ...]" = ()
     determined: "Determined | None" = None
     problems: tuple[Diagnostic, ...] = ()
 
@@ -111,10 +111,16 @@ class Design(Explained):
 
     @property
     def certified(self) -> bool:
-        """True where the observer exists and all of its certificates hold; a discrete one has nothing to certify."""
+        """True where the observer exists and some certificate holds for it, and one for its sampled form that runs.
+
+        An observer of the location alone has nothing to certify; where locations see the state together only, the
+        certificate of that counts.
+        """
+        from deshybrid.continuous.certified import is_certified
+
         if self.determined is not None and self.determined.required:
             return self.exists and self.determined.holds
-        return self.exists and all(certificate.holds for certificate in self.certificates)
+        return self.exists and is_certified(self.certificates)
 
     @cached_property
     def ultimate(self) -> "UltimateBound | None":
@@ -126,11 +132,11 @@ class Design(Explained):
     @cached_property
     def lower_limit(self) -> "DwellLowerLimit | None":
         """The largest dwell time at which a switching cycle was found that does not contract; found when asked for."""
-        from deshybrid.continuous.cycles import dwell_lower_limit
+        from deshybrid.continuous.certified import known_limit
 
         if self.gains is None or not self.certificates:
             return None
-        return dwell_lower_limit(self.system, self.gains, longest=self.certificates[0].required_dwell)
+        return known_limit(self.system, self.gains, self.certificates)
 
     @property
     def delay(self) -> float:
@@ -157,6 +163,8 @@ class Design(Explained):
         return f"<Design of {self.system.name}: exists={self.exists}, certified={self.certified}, step={self.step:g} s>"
 
     def __str__(self) -> str:
+        from deshybrid.continuous.certified import interval_lines
+
         name = self.system.name
         if not self.exists:
             return f"{name}: no hybrid observer"
@@ -169,6 +177,7 @@ class Design(Explained):
             lines.append(f"{text}; fixed, as no output shows them: {fixed}" if fixed else text)
         lines += [f"  {c.theorem}: {'holds' if c.holds else 'does not hold'}: {c.reason}" for c in self.certificates]
         lines += [str(self.determined)] if self.determined else []
+        lines += interval_lines(self.certificates, self.lower_limit)
         if self.ultimate is not None:
             bound = self.ultimate.value
             lines.append(
@@ -199,7 +208,7 @@ class Compilation(Explained):
 
     @property
     def certified(self) -> bool:
-        """True where the observer exists and all of its certificates hold."""
+        """True where the observer exists and is certified."""
         return self.observer is not None and self.design.certified
 
     def __repr__(self) -> str:
@@ -318,8 +327,10 @@ def design(
 
 def _certified(draft: Design, stays: "Stays") -> Design:
     """Add detector, certificates and bound to a draft that has gains and a step."""
+    from deshybrid.continuous.certified import paper_certificates
     from deshybrid.continuous.determinability_design import determined
     from deshybrid.continuous.gains import design_gains
+    from deshybrid.continuous.lmi import certify_forms
     from deshybrid.detector.detector import build_detector, delay_warnings
 
     system, gains, plan = draft.system, draft.gains, draft.recovery.plan
@@ -333,26 +344,13 @@ def _certified(draft: Design, stays: "Stays") -> Design:
         made = replace(made, determined=together, problems=made.problems + together.problems)
         if together.required:
             return replace(made, gains=replace(gains, rate=together.rate or gains.rate))
-    certificates = _certificates(made, gains)
+    certificates = paper_certificates(system, gains, step=made.step, delay=made.delay)
     if not certificates[-1].holds and made.delay > 0.0:
         aimed = design_gains(system, gains.locations, rate=gains.requested_rate, dwell=gains.dwell, delay=made.delay)
-        retried = _certificates(made, aimed)
+        retried = paper_certificates(system, aimed, step=made.step, delay=made.delay)
         if retried[-1].holds:
-            return replace(made, gains=aimed, certificates=retried)
-    return replace(made, certificates=certificates)
-
-
-def _certificates(made: Design, gains: "ObserverGains") -> "tuple[DwellTimeCertificate, ...]":
-    """Theorem 6, Theorem 7 with the detection delay, and the sampled observer, which sees a switch a step late."""
-    from deshybrid.continuous.dwell import certify_dwell, certify_sampled
-
-    system = made.system
-    late = 0.0 if system.time_step is not None else made.step
-    return (
-        certify_dwell(system, gains),
-        *((certify_dwell(system, gains, delay=made.delay),) if made.delay > 0.0 else ()),
-        certify_sampled(system, gains, step=made.step, delay=made.delay + late),
-    )
+            gains, certificates = aimed, retried
+    return replace(made, gains=gains, certificates=certificates + certify_forms(system, gains, certificates))
 
 
 def compile(

@@ -14,8 +14,9 @@ Source: error dynamics of Balluchi et al. (2012), (18)-(19); a periodic switchin
 certificate.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from itertools import product
 from math import exp, isfinite, pi
 
@@ -27,6 +28,8 @@ from deshybrid.continuous.gains import ObserverGains
 from deshybrid.continuous.modes import decay_rate
 from deshybrid.continuous.search import to_plane_s
 from deshybrid.linear.arrays import FloatArray
+from deshybrid.linear.exact import rational
+from deshybrid.linear.exact_inequalities import Leg, Motion, does_not_contract
 from deshybrid.linear.observability import sorted_spectrum
 from deshybrid.model.system import HybridSystem
 
@@ -35,6 +38,8 @@ MOST_WALKS = 600
 REFINED_WALKS = 4
 GRID = 48
 REFINEMENTS = 8
+GROWS = 1e-6
+"""A cycle counts as not contracting where it grows by this share: enough for an exact proof."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +47,13 @@ class WitnessCycle:
     """A cycle that does not contract: stay `stays[k]` seconds in `locations[k]`, then jump to the next, and again.
 
     `growth` is the spectral radius of the error's map over one round, times e^{μ · duration}: at least 1.
+    `resets`: the jumps, by their place among the resets of the design.
     """
 
     locations: tuple[str, ...]
     stays: tuple[float, ...]
     growth: float
+    resets: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +86,22 @@ def dwell_lower_limit(
     """
     rate = gains.rate if rate is None else rate
     require_positive("rate", rate)
-    dynamics = error_dynamics(system, gains.gains)
-    shifted = _Shifted(dynamics, rate)
+    return cycle_limit(error_dynamics(system, gains.gains), rate, longest=longest)
+
+
+def cycle_limit(
+    dynamics: ErrorDynamics,
+    rate: float,
+    *,
+    longest: float | None = None,
+    least: Mapping[str, float] | None = None,
+    oscillations: bool = True,
+) -> DwellLowerLimit:
+    """Return the limit for given error dynamics; `least`: the shortest stay (s) that a location allows on its own.
+
+    Without `oscillations` all stays are equal: faster, for a first guess.
+    """
+    shifted = _Shifted(dynamics, rate, least or {})
     top = longest if longest is not None and isfinite(longest) and longest > 0 else shifted.slowest()
     walks = [walk for walk, _ in zip(closed_walks(dynamics), range(MOST_WALKS), strict=False)]
     grid = np.geomspace(top, top * 1e-3, GRID)
@@ -88,23 +109,39 @@ def dwell_lower_limit(
     ranked = sorted(range(len(walks)), key=lambda k: coarse[k])
     best = DwellLowerLimit(0.0, None)
     for k in ranked[:REFINED_WALKS]:
-        for extra in _extras(shifted, walks[k]):
+        for extra in _extras(shifted, walks[k]) if oscillations else ((0.0,) * len(walks[k]),):
             found = _first_growing(shifted, walks[k], extra, grid)
             if found < GRID and grid[max(found - 1, 0)] > best.value:
-                best = max(best, _refined(shifted, walks[k], extra, grid, found), key=lambda limit: limit.value)
+                limit = _refined(shifted, walks[k], extra, grid, found)
+                if limit.value > best.value and grows(dynamics, limit.cycle, rate):
+                    best = limit
     return best
+
+
+def grows(dynamics: ErrorDynamics, cycle: WitnessCycle | None, rate: float) -> bool:
+    """Return whether a cycle provably does not contract at the rate, in exact arithmetic."""
+    if cycle is None:
+        return False
+    step, legs = None if dynamics.step is None else Fraction(dynamics.step), []
+    for number, stay in zip(cycle.resets, cycle.stays, strict=True):
+        reset = dynamics.resets[number]
+        motion = Motion(rational(dynamics.matrices[reset.source].tolist()), step)
+        exact = Fraction(stay) if step is None else round(Fraction(stay) / step) * step
+        legs.append(Leg(motion, exact, rational(reset.matrix.tolist())))
+    return does_not_contract(legs, Fraction(rate))
 
 
 class _Shifted:
     """The error dynamics times e^{μ t}: growth at least 1 means slower than μ."""
 
-    def __init__(self, dynamics: ErrorDynamics, rate: float) -> None:
-        self.dynamics, self.rate = dynamics, rate
+    def __init__(self, dynamics: ErrorDynamics, rate: float, least: Mapping[str, float]) -> None:
+        self.dynamics, self.rate, self.least = dynamics, rate, least
         self._flows: dict[tuple[str, bytes], FloatArray] = {}
 
-    def stay(self, durations: FloatArray) -> FloatArray:
-        """The stays as time allows them: whole steps, at least one."""
+    def stay(self, name: str, durations: FloatArray) -> FloatArray:
+        """The stays as location and time allow them: not below the least one, whole steps, at least one."""
         step = self.dynamics.step
+        durations = np.maximum(durations, self.least.get(name, 0.0))
         return durations if step is None else np.maximum(1, np.round(durations / step)) * step
 
     def flows(self, name: str, durations: FloatArray) -> FloatArray:
@@ -126,7 +163,7 @@ class _Shifted:
         """Spectral radius of the product of reset and flow over one round, for stays T + extra; one for each T."""
         whole = np.broadcast_to(np.eye(len(walk[0].matrix)), (len(T), *walk[0].matrix.shape))
         for reset, more in zip(walk, extra, strict=True):
-            whole = reset.matrix @ self.flows(reset.source, self.stay(T + more)) @ whole
+            whole = reset.matrix @ self.flows(reset.source, self.stay(reset.source, T + more)) @ whole
         return np.asarray(np.abs(np.linalg.eigvals(whole)).max(axis=1))
 
     def slowest(self) -> float:
@@ -135,6 +172,13 @@ class _Shifted:
         rates = [-decay_rate(sorted_spectrum(F), step) for F in self.dynamics.matrices.values()]
         least = min((rate for rate in rates if rate > 0), default=20.0)
         return 20 / least if isfinite(least) else 1.0
+
+
+def witness(dynamics: ErrorDynamics, walk: Sequence[ErrorReset], stays: Sequence[float], growth: float) -> WitnessCycle:
+    """Return the cycle of these jumps."""
+    numbers = {id(reset): number for number, reset in enumerate(dynamics.resets)}
+    places = tuple(reset.source for reset in walk)
+    return WitnessCycle(places, tuple(stays), growth, tuple(numbers[id(reset)] for reset in walk))
 
 
 def closed_walks(dynamics: ErrorDynamics) -> Iterator[tuple[ErrorReset, ...]]:
@@ -170,7 +214,7 @@ def _extras(shifted: _Shifted, walk: Sequence[ErrorReset]) -> Iterator[tuple[flo
 
 def _first_growing(shifted: _Shifted, walk: Sequence[ErrorReset], extra: Sequence[float], grid: FloatArray) -> int:
     """The place in the descending grid of the largest T at which the walk does not contract; its length if none."""
-    growing = shifted.growth(walk, grid, extra) >= 1.0
+    growing = shifted.growth(walk, grid, extra) >= 1 + GROWS
     return int(np.argmax(growing)) if growing.any() else len(grid)
 
 
@@ -183,9 +227,19 @@ def _refined(
         finer = np.linspace(high, low, 17)
         place = _first_growing(shifted, walk, extra, finer)
         low, high = float(finer[min(place, 16)]), float(finer[max(place - 1, 0)])
-    stays = [float(shifted.stay(np.array([low + more]))[0]) for more in extra]
+    stays = [
+        float(shifted.stay(reset.source, np.array([low + more]))[0]) for reset, more in zip(walk, extra, strict=True)
+    ]
     growth = float(shifted.growth(walk, np.array([low]), extra)[0])
-    return DwellLowerLimit(min(stays), WitnessCycle(tuple(reset.source for reset in walk), tuple(stays), growth))
+    return DwellLowerLimit(low, witness(shifted.dynamics, walk, stays, growth))
 
 
-__all__ = ["DwellLowerLimit", "WitnessCycle", "closed_walks", "dwell_lower_limit"]
+__all__ = [
+    "DwellLowerLimit",
+    "WitnessCycle",
+    "closed_walks",
+    "cycle_limit",
+    "dwell_lower_limit",
+    "grows",
+    "witness",
+]

@@ -11,12 +11,13 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from deshybrid.continuous.cycles import DwellLowerLimit
+from deshybrid.continuous.certified import Certificate, dwell_gap, is_certified, least_required
+from deshybrid.continuous.cycles import DwellLowerLimit, WitnessCycle
 from deshybrid.continuous.determinability_design import Determined
 from deshybrid.continuous.determinability_theorem2 import theorem_2
-from deshybrid.continuous.dwell import DwellTimeCertificate
 from deshybrid.continuous.error import dynamics_of, error_dynamics, error_resets
 from deshybrid.continuous.gains import ObserverGains
+from deshybrid.continuous.lmi import InequalityCertificate
 from deshybrid.continuous.ultimate import UltimateBound
 from deshybrid.linear.arrays import ComplexArray, FloatArray
 from deshybrid.model.system import HybridSystem
@@ -25,7 +26,7 @@ from deshybrid.model.system import HybridSystem
 def design_document(
     system: HybridSystem,
     gains: ObserverGains,
-    certificates: Sequence[DwellTimeCertificate],
+    certificates: Sequence[Certificate],
     ultimate: UltimateBound | None = None,
     *,
     lower_limit: DwellLowerLimit | None = None,
@@ -34,26 +35,25 @@ def design_document(
 ) -> dict[str, object]:
     """Return the design as a JSON tree; keys as in the documentation of `design`, in that order, extras after them.
 
-    `required_dwell` is that of the last certificate in continuous time (of the last one where there is none).
+    `required_dwell` is the least of the certificates in continuous time with the longest delay; `gap` is how far that
+    without delay lies above the lower limit, as a share of the limit.
     """
-    plain = [entry for entry in certificates if not entry.theorem.endswith("-sampled")] or list(certificates)
     cycle = None if lower_limit is None else lower_limit.cycle
-    alone = bool(certificates) and all(entry.holds for entry in certificates)
+    alone = bool(certificates) and is_certified(certificates)
     return {
         "gains": {name: _rows(gain) for name, gain in gains.gains.items()},
         "eigenvalues": {name: _complex(values) for name, values in gains.eigenvalues.items()},
         "condition": {name: _finite(kappa) for name, kappa in gains.condition.items()},
         "certificates": [certificate_record(entry) for entry in certificates]
         + ([] if determined is None else [entry.record() for entry in determined.certificates]),
-        "required_dwell": _finite(plain[-1].required_dwell) if plain else None,
+        "required_dwell": _finite(least_required(certificates)),
         "dwell_lower_limit": None if lower_limit is None else _finite(lower_limit.value),
-        "witness_cycle": None
-        if cycle is None
-        else {"locations": list(cycle.locations), "stays": list(cycle.stays), "growth": _finite(cycle.growth)},
+        "witness_cycle": None if cycle is None else _cycle_record(cycle),
         "ultimate_bound": None if ultimate is None else _finite(ultimate.value),
         "detection_delay": dict(detection_delay or {}),
         "determinability": None if determined is None else determined.record(alone),
         "theorem_2": theorem_2(error_dynamics(system, gains.gains), gains.dwell).record(),
+        "gap": _finite(dwell_gap(certificates, lower_limit)),
         "rate": gains.rate,
         "requested_rate": gains.requested_rate,
         "method": gains.method,
@@ -81,8 +81,10 @@ def empty_document(determined: Determined | None = None) -> dict[str, object]:
     }
 
 
-def certificate_record(certificate: DwellTimeCertificate) -> dict[str, object]:
-    """Return one certificate with all that proves it: T, the scale of the norm, and the terms of (20)."""
+def certificate_record(certificate: Certificate) -> dict[str, object]:
+    """Return one certificate with all that proves it: T, the scale of the norm, and the terms of (20); or the forms."""
+    if isinstance(certificate, InequalityCertificate):
+        return _form_record(certificate)
     record: dict[str, object] = {
         "theorem": certificate.theorem,
         "rate": certificate.rate,
@@ -104,6 +106,38 @@ def certificate_record(certificate: DwellTimeCertificate) -> dict[str, object]:
             for name, term in certificate.terms.items()
         },
         "T": {name: [_complex(row) for row in basis] for name, basis in certificate.T.items()},
+    }
+    if certificate.theorem.endswith("-sampled"):
+        record["matrices"] = {name: _rows(matrix) for name, matrix in certificate.matrices.items()}
+    return record
+
+
+def _cycle_record(cycle: WitnessCycle) -> dict[str, object]:
+    return {
+        "locations": list(cycle.locations),
+        "stays": list(cycle.stays),
+        "growth": _finite(cycle.growth),
+        "resets": list(cycle.resets),
+    }
+
+
+def _form_record(certificate: InequalityCertificate) -> dict[str, object]:
+    forms = {"P": certificate.P, "Q": certificate.Q}
+    record: dict[str, object] = {
+        "theorem": certificate.theorem,
+        "rate": certificate.rate,
+        "dwell": _finite(certificate.dwell),
+        "delay": certificate.delay,
+        "holds": certificate.holds,
+        **{
+            key: None if form is None else {name: _rows(matrix) for name, matrix in form.items()}
+            for key, form in forms.items()
+        },
+        "degree": certificate.degree,
+        "required_dwell": _finite(certificate.required_dwell),
+        "shortest_stays": dict(certificate.least),
+        "reason": certificate.reason,
+        "step": certificate.step,
     }
     if certificate.theorem.endswith("-sampled"):
         record["matrices"] = {name: _rows(matrix) for name, matrix in certificate.matrices.items()}

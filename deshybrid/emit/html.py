@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from jinja2 import Environment
     from markupsafe import Markup
 
+    from deshybrid.continuous.certified import Certificate
     from deshybrid.continuous.cycles import DwellLowerLimit
     from deshybrid.continuous.determinability_design import Determined
-    from deshybrid.continuous.dwell import DwellTimeCertificate
     from deshybrid.continuous.gains import ObserverGains
     from deshybrid.continuous.ultimate import UltimateBound
     from deshybrid.des.report import ObservabilityReport
@@ -63,7 +63,7 @@ class ReportContent:
     candidates: "tuple[FeasibleCandidate, ...]" = ()
     detector: "TransitionDetector | None" = None
     gains: "ObserverGains | None" = None
-    certificates: "tuple[DwellTimeCertificate, ...]" = ()
+    certificates: "tuple[Certificate, ...]" = ()
     ultimate: "UltimateBound | None" = None
     lower_limit: "DwellLowerLimit | None" = None
     determined: "Determined | None" = None
@@ -114,6 +114,8 @@ def _environment() -> "Environment":
 
 def _context(content: ReportContent) -> "Mapping[str, Any]":
     """What the templates read: the stages' own values, and the few things that are computed for the page."""
+    from deshybrid.continuous.certified import deciding, dwell_gap
+
     plan, report = content.plan, content.report
     repaired = plan is not None and plan.recoverable and not plan.already_observable
     return {
@@ -132,7 +134,8 @@ def _context(content: ReportContent) -> "Mapping[str, Any]":
         "persistent": frozenset(report.persistent),
         "confusions": _confusions(report),
         "certified": _certified(content),
-        "deciding": _deciding(content.certificates),
+        "deciding": deciding(content.certificates),
+        "gap": dwell_gap(content.certificates, content.lower_limit),
         "unproven": _unproven(content),
         "infinity": math.inf,
         "cost": _cost(content),
@@ -142,14 +145,11 @@ def _context(content: ReportContent) -> "Mapping[str, Any]":
 
 def _certified(content: ReportContent) -> bool:
     """Every location is certified alone, or all of them together where that is needed."""
+    from deshybrid.continuous.certified import is_certified
+
     if content.determined is not None and content.determined.required:
         return content.determined.holds
-    return bool(content.certificates) and all(certificate.holds for certificate in content.certificates)
-
-
-def _deciding(certificates: "tuple[DwellTimeCertificate, ...]") -> "DwellTimeCertificate | None":
-    """The certificate that asks for most: all of them must hold."""
-    return max(certificates, key=lambda certificate: (certificate.required_dwell, certificate.delay), default=None)
+    return bool(content.certificates) and is_certified(content.certificates)
 
 
 def _unproven(content: ReportContent) -> tuple[str, ...]:

@@ -7,6 +7,8 @@ length grows like n times that of a double: meant for n up to 20 or so.
 
 from collections.abc import Sequence
 from fractions import Fraction
+from math import lcm
+from operator import mul
 from typing import TypeAlias
 
 Rational: TypeAlias = tuple[tuple[Fraction, ...], ...]
@@ -30,11 +32,10 @@ def rational(rows: Sequence[Sequence[float]]) -> Rational:
 
 
 def product(first: Rational, second: Rational) -> Rational:
-    """Return the matrix product."""
-    columns = tuple(zip(*second, strict=True))
-    return tuple(
-        tuple(sum((a * b for a, b in zip(row, column, strict=True)), Fraction()) for column in columns) for row in first
-    )
+    """Return the matrix product, by integers over a common denominator of each matrix."""
+    (left, below), (right, under) = integers(first), integers(second)
+    columns = list(zip(*right, strict=True))
+    return tuple(tuple(Fraction(sum(map(mul, row, column)), below * under) for column in columns) for row in left)
 
 
 def transposed(matrix: Rational) -> Rational:
@@ -134,6 +135,12 @@ def matrix_exponential(matrix: Rational) -> Rational:
     return tuple(tuple(Fraction(value, unit) for value in row) for row in total)
 
 
+def integers(matrix: Rational) -> tuple[list[list[int]], int]:
+    """Return the entries as integers over a common denominator, and that denominator."""
+    below = lcm(*(value.denominator for row in matrix for value in row))
+    return [[value.numerator * (below // value.denominator) for value in row] for row in matrix], below
+
+
 def _fixed_product(first: list[list[int]], second: list[list[int]], unit: int) -> list[list[int]]:
     columns = list(zip(*second, strict=True))
     return [[sum(a * b for a, b in zip(row, column, strict=True)) // unit for column in columns] for row in first]
@@ -149,6 +156,7 @@ __all__ = [
     "combined",
     "diagonal",
     "exponential_below",
+    "integers",
     "is_positive_semidefinite",
     "matrix_exponential",
     "product",

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-from deshybrid.continuous.dwell import DwellTimeCertificate
+from deshybrid.continuous.certified import Certificate
 from deshybrid.continuous.gains import ObserverGains
 from deshybrid.des.signatures import SignaturePlan
 from deshybrid.detector.detector import TransitionDetector
@@ -52,7 +52,7 @@ class HybridObserver:
     detector: TransitionDetector | None
     gains: ObserverGains | None
     tables: StepTables
-    certificates: tuple[DwellTimeCertificate, ...] = ()
+    certificates: tuple[Certificate, ...] = ()
     max_states: int = MAX_TABLE
     _plain: dict[str, Any] = field(init=False, repr=False)
     _codes: dict[str, int] = field(init=False, repr=False)
@@ -132,7 +132,7 @@ def build_observer(
     gains: ObserverGains | None,
     *,
     step: float,
-    certificates: tuple[DwellTimeCertificate, ...] = (),
+    certificates: tuple[Certificate, ...] = (),
     max_states: int = MAX_TABLE,
 ) -> HybridObserver:
     """Return the hybrid observer of a plan that makes the location observable; step in seconds.

@@ -40,6 +40,7 @@ from deshybrid.verify.design_file import (
     read_plant,
     read_summary,
 )
+from deshybrid.verify.forms import FormClaim, Said, SilentForm, form_checks, limit_checks, read_forms
 from deshybrid.verify.report import Check, VerifyReport
 
 PART_OF_A_STEP = Fraction(1, 10**6)
@@ -70,25 +71,35 @@ def verify_design(document: Mapping[str, object]) -> VerifyReport:
     plant = read_plant(document)
     claims, summary = read_claims(document, plant), read_summary(document, plant)
     checks = [check for claim in claims if claim.holds for check in _checks(plant, claim)]
-    boxes = read_contractions(document, plant)
+    forms, boxes = read_forms(document, plant), read_contractions(document, plant)
+    checks += [Check(c.name, *said) for c in forms if isinstance(c, FormClaim) for said in form_checks(plant, c)]
     checks += [Check(c.name, *said) for c in boxes if not isinstance(c, str) for said in contraction_checks(plant, c)]
     if checks:
-        checks += [Check("design", *said) for said in _summary_checks(plant, claims, summary)]
-        if not any(claim.holds for claim in claims):
+        checks += [Check("design", *said) for said in _summary_checks(plant, claims, forms, summary)]
+        checks += [Check("design", *said) for said in limit_checks(document, plant, summary.rate)]
+        if not any(claim.holds for claim in claims) and not any(isinstance(claim, FormClaim) for claim in forms):
             slow = all(summary.rate <= box.rate for box in boxes if not isinstance(box, str))
             checks.append(Check("design", "every location", "`rate` is not above those of the certificates", slow))
-    silent = [claim.name for claim in claims if not claim.holds] + [c for c in boxes if isinstance(c, str)]
+    silent = [claim.name for claim in claims if not claim.holds]
+    silent += [claim.name for claim in forms if isinstance(claim, SilentForm)]
+    silent += [claim for claim in boxes if isinstance(claim, str)]
     return VerifyReport(tuple(checks), tuple(silent))
 
 
-def _summary_checks(plant: Plant, claims: tuple[Claim, ...], summary: Summary) -> Iterator[tuple[str, str, bool]]:
+def _summary_checks(
+    plant: Plant, claims: tuple[Claim, ...], forms: tuple[FormClaim | SilentForm, ...], summary: Summary
+) -> Iterator[Said]:
     """What the design states outside of its certificates."""
     everywhere = "every location"
-    rates = [claim.rate for claim in claims if claim.holds]
+    rates = [claim.rate for claim in claims if claim.holds] + [c.rate for c in forms if isinstance(c, FormClaim)]
     yield everywhere, "`rate` is that of the certificates", all(rate == summary.rate for rate in rates)
-    plain = [claim for claim in claims if not claim.theorem.endswith("-sampled")] or list(claims)
-    said = "`required_dwell` is that of the last certificate in continuous time"
-    yield everywhere, said, (plain[-1].required if plain else None) == summary.required
+    both = (*claims, *forms)
+    plain = [claim for claim in both if not claim.theorem.endswith("-sampled")] or both
+    stated = [(claim.delay, claim.required) for claim in plain]
+    longest = max((delay for delay, _ in stated), default=None)
+    needs = [required for delay, required in stated if delay == longest and required is not None]
+    said = "`required_dwell` is the least of the certificates in continuous time with the longest delay"
+    yield everywhere, said, summary.required == min(needs, default=None)
     for name, values in summary.eigenvalues.items():
         said = "the eigenvalues have the sum and the sum of squares that A - G C has"
         yield f"location `{name}`", said, _is_spectrum(plant.error_matrix(name), values)

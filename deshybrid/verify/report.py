@@ -10,7 +10,6 @@ UNCHECKED = (
     "the model itself",
     "`condition`",
     "`ultimate_bound`",
-    "`dwell_lower_limit`",
     "`detection_delay`",
     "`determinability`",
     "`theorem_2`",

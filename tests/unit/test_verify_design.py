@@ -125,7 +125,7 @@ TAMPERED: list[tuple[str, tuple[str | int, ...], object, str]] = [
     ("a negative delay", ("certificates", 1, "delay"), -5.0, "0 <= delay < dwell"),
     ("the scale of the norm", (*FIRST, "scale", 0), lambda s: s * 30, "κ²"),
     ("a scale of zero", (*FIRST, "scale", 0), 0.0, "the scale of the norm is positive"),
-    ("a theorem", (*FIRST, "theorem"), "LMI", "is a theorem this verifier knows"),
+    ("a theorem", (*FIRST, "theorem"), "B12-8", "is a theorem this verifier knows"),
     ("a step in continuous time", (*FIRST, "step"), 0.01, "a step is stated in sampled time only"),
     ("the sampled step", ("certificates", 2, "step"), 0.02, "M is e^{A h} minus"),
     ("no sampled step", ("certificates", 2, "step"), None, "a step is stated in sampled time only"),
@@ -226,8 +226,8 @@ def test_numbers_of_any_size_end_at_once_and_only_weaker_claims_are_accepted(key
     tree = document(switched({"p": linear([[-3]], [[1]])}, [("p", "p", [[2]])]))
     for entry in tree["certificates"] if key == "rate" else tree["certificates"][:1]:
         entry[key] = value
-    if key == "rate":
-        tree[key] = value
+    if key == "rate":  # of the lower limit a slower rate is the stronger claim, which is not the one tried here
+        tree |= {"rate": value, "dwell_lower_limit": 0.0, "witness_cycle": None}
     weaker = (key, value) in {("dwell", 1e308), ("rate", 5e-324)}
     if key == "step" and value < 0:
         with pytest.raises(UsageError, match="DH0511"):
@@ -237,8 +237,8 @@ def test_numbers_of_any_size_end_at_once_and_only_weaker_claims_are_accepted(key
 
 
 OUTSIDE: list[tuple[str, tuple[str | int, ...], object, str]] = [
-    ("the required dwell time", ("required_dwell",), lambda d: d / 2, "`required_dwell` is that"),
-    ("no required dwell time", ("required_dwell",), None, "`required_dwell` is that"),
+    ("the required dwell time", ("required_dwell",), lambda d: d / 2, "`required_dwell` is the least"),
+    ("no required dwell time", ("required_dwell",), None, "`required_dwell` is the least"),
     ("the rate", ("rate",), lambda r: r * 2, "`rate` is that"),
     ("an eigenvalue", ("eigenvalues", "q1", 0, 0), lambda v: v * 2, "the eigenvalues have the sum"),
     ("an imaginary part", ("eigenvalues", "q1", 0, 1), lambda v: v + 9.0, "the eigenvalues have the sum"),
