@@ -103,10 +103,10 @@ def measured(seed: int, n: int, graph: str, resets: str, share: float) -> Ratios
     found = certify_by_inequalities(dynamics, rate=rate)
     seconds = time.process_time() - before
     limit = found.limit.value
-    if limit == 0.0:
+    if found.required_dwell == 0.0:
         return None
-    papers = by_condition_20(dynamics, rate), by_theorem_2(dynamics, rate)
-    return Ratios(papers[0] / limit, papers[1] / limit, found.required_dwell / limit, seconds)
+    needs = by_condition_20(dynamics, rate), by_theorem_2(dynamics, rate), found.required_dwell
+    return Ratios(*(need / limit if limit else np.inf for need in needs), seconds)
 
 
 def main() -> None:

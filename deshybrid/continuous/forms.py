@@ -22,13 +22,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from deshybrid.continuous.conic import Term, congruence, drift, identity, solve
+from deshybrid.continuous.conic import Solution, Term, congruence, drift, identity, solve
 from deshybrid.continuous.error import ErrorDynamics
 from deshybrid.linear.arrays import FloatArray, frozen_array
 from deshybrid.linear.lifting import lifted, lifted_generator, lifting_weights
 
 MARGIN = 1e-7
 """Forms count as found where every inequality, in frames in which P is near the identity, has this margin."""
+LOOKS = 3
+"""Frames are renewed at most so often for one set of stays."""
 FLATTEST = 1e-12
 """A frame is not flatter than this."""
 SLOWEST = 1e-9
@@ -67,7 +69,20 @@ class FormProblem:
         )
 
     def solve(self, stays: Sequence[float]) -> Forms | None:
-        """Return forms for these shortest stays (s; one per location), None where none were found."""
+        """Return forms for these shortest stays (s; one per location), None where none were found.
+
+        A margin that is positive but too small to trust grows in the frames of the forms that have it: look again.
+        """
+        for _ in range(LOOKS):
+            found = self._proposed(stays)
+            if found.margin <= 0:
+                return None
+            forms = self._accept(found.unknowns)
+            if found.margin >= MARGIN:
+                return forms
+        return None
+
+    def _proposed(self, stays: Sequence[float]) -> Solution:
         places, size = self.dynamics.locations, len(self.weights)
         inequalities: list[list[Term]] = []
         for i, stay in enumerate(stays):
@@ -80,10 +95,7 @@ class FormProblem:
             jump = self._lifted(_conjugated(self.base.entry[j], reset.matrix, self.base.end[i]))
             jump = self.inner.entry[j] @ jump @ np.linalg.inv(self.inner.end[i])
             inequalities.append([Term(len(places) + i, identity(size)), Term(j, -congruence(jump))])
-        found = solve(size, 2 * len(places), inequalities, normalised=len(places))
-        if found.margin < MARGIN:
-            return None
-        return self._accept(found.unknowns)
+        return solve(size, 2 * len(places), inequalities, normalised=len(places))
 
     def frames(self) -> Frames:
         """Return the frames of the last forms that were found, for a problem of higher degree; of degree 2 only."""
