@@ -159,9 +159,9 @@ def certify(
     scale = best_scale(dynamics, gains.scale, rate)
     bases = {name: modal_basis(dynamics.matrices[name], scale, step=dynamics.step) for name in dynamics.locations}
     terms = {name: location_terms(dynamics, name, bases[name], scale, rate) for name in dynamics.locations}
-    required = _sum_rounded_up(delay, max((term.required for term in terms.values()), default=0.0))
+    required = sum_rounded_up(delay, max((term.required for term in terms.values()), default=0.0))
     stated = dwell if dwell is not None else max(required, delay + LEAST / rate)
-    holds = isfinite(required) and _long_enough(stated - delay, required - delay, dynamics.step)
+    holds = isfinite(required) and long_enough(stated - delay, required - delay, dynamics.step)
     theorem: Theorem = "B12-6" if delay == 0 else "B12-7"
     if sampled:
         theorem = "B12-6-sampled" if delay == 0 else "B12-7-sampled"
@@ -207,12 +207,13 @@ def _rounded_norm(dynamics: ErrorDynamics, name: str, scale: FloatArray) -> floa
     return reset_norm(matrices, scale) * (1 + ROUND_UP)
 
 
-def _sum_rounded_up(delay: float, stay: float) -> float:
-    """delay + stay, such that the exact difference to the delay is not below the stay."""
+def sum_rounded_up(delay: float, stay: float) -> float:
+    """Return delay + stay (s), such that the exact difference to the delay is not below the stay."""
     return nextafter(delay + stay, inf) if delay > 0 and 0 < stay < inf else delay + stay
 
 
-def _long_enough(stay: float, required: float, step: float | None) -> bool:
+def long_enough(stay: float, required: float, step: float | None) -> bool:
+    """Return whether D - Δ is as long as required (s), in whole steps where there is a step."""
     if step is None:
         return stay >= required and stay > 0
     return stay_steps(stay, step) >= max(1, stay_steps(required, step))
@@ -252,6 +253,8 @@ __all__ = [
     "certify_dwell",
     "certify_sampled",
     "location_terms",
+    "long_enough",
     "required_dwell",
     "stay_steps",
+    "sum_rounded_up",
 ]

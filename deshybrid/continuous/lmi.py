@@ -15,7 +15,7 @@ Source: Balluchi et al. (2012), section 4.2, for the setting; Geromel and Colane
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from math import exp, inf, isfinite, nextafter, sqrt
+from math import exp, inf, isfinite, sqrt
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ import numpy as np
 from deshybrid.continuous.checks import require_not_negative, require_positive
 from deshybrid.continuous.conic import has_solver, require_solver
 from deshybrid.continuous.cycles import GROWS, DwellLowerLimit, cycle_limit, grows, witness
-from deshybrid.continuous.dwell import DwellTimeCertificate, stay_steps
+from deshybrid.continuous.dwell import DwellTimeCertificate, long_enough, stay_steps, sum_rounded_up
 from deshybrid.continuous.error import ErrorDynamics, error_resets
 from deshybrid.continuous.forms import FormProblem, Forms
 from deshybrid.continuous.gains import ObserverGains
@@ -140,9 +140,9 @@ def certify_by_inequalities(
     require_not_negative("delay", delay)
     stays = {name: max(0.0, stay - delay) for name, stay in (least or {}).items()}
     found = _search(dynamics, rate, stays, longest)
-    required = inf if found.forms is None else _sum_rounded_up(delay, found.stay)
+    required = inf if found.forms is None else sum_rounded_up(delay, found.stay)
     stated = dwell if dwell is not None else max(required, delay + 0.01 / rate)
-    holds = isfinite(required) and _long_enough(stated - delay, required - delay, dynamics.step)
+    holds = isfinite(required) and long_enough(stated - delay, required - delay, dynamics.step)
     forms = found.forms
     return InequalityCertificate(
         theorem="LMI-sampled" if sampled else "LMI",
@@ -336,17 +336,6 @@ def _is_affordable(dynamics: ErrorDynamics, degree: int) -> bool:
     size = lifted_size(len(next(iter(dynamics.matrices.values()))), degree)
     packed = size * (size + 1) // 2
     return packed**2 * (2 * len(dynamics.locations) + len(dynamics.resets)) <= AFFORDABLE
-
-
-def _sum_rounded_up(delay: float, stay: float) -> float:
-    """delay + stay, such that the exact difference to the delay is not below the stay."""
-    return nextafter(delay + stay, inf) if delay > 0 and stay > 0 else delay + stay
-
-
-def _long_enough(stay: float, required: float, step: float | None) -> bool:
-    if step is None:
-        return stay >= required and stay > 0
-    return stay_steps(stay, step) >= max(1, stay_steps(required, step))
 
 
 def _reason(found: Found, required: float, dwell: float, *, holds: bool) -> str:

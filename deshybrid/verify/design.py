@@ -29,7 +29,6 @@ from deshybrid.linear.exact import (
     scaled,
     transposed,
 )
-from deshybrid.linear.exact_sampling import is_difference, is_sampled_form
 from deshybrid.verify.contraction import contraction_checks
 from deshybrid.verify.design_file import (
     Claim,
@@ -42,6 +41,7 @@ from deshybrid.verify.design_file import (
 )
 from deshybrid.verify.forms import FormClaim, Said, SilentForm, form_checks, limit_checks, read_forms
 from deshybrid.verify.report import Check, VerifyReport
+from deshybrid.verify.sampled import made_from_the_gains
 
 PART_OF_A_STEP = Fraction(1, 10**6)
 PROPOSED = Fraction(1, 10**10)
@@ -146,7 +146,7 @@ def _location_checks(plant: Plant, claim: Claim, name: str) -> Iterator[tuple[st
     error, term, basis = plant.error_matrix(name), claim.terms[name], claim.bases[name]
     if claim.theorem.endswith("-sampled") and claim.step is not None:
         error = claim.matrices[name]
-        yield _made_from_the_gains(plant, claim, name, claim.step)
+        yield made_from_the_gains(plant, claim.matrices[name], name, claim.step)
     Q = combined(product(basis[0], transposed(basis[0])), product(basis[1], transposed(basis[1])))
     if claim.step is None:
         drift = product(error, Q)
@@ -202,15 +202,6 @@ def _condition_holds(Q: Rational, scale: tuple[Fraction, ...], kappa: Fraction) 
     return is_positive_semidefinite(combined(unit, shaped, -1)) and is_positive_semidefinite(
         combined(scaled(shaped, kappa**2), unit, -1)
     )
-
-
-def _made_from_the_gains(plant: Plant, claim: Claim, name: str, step: Fraction) -> tuple[str, bool]:
-    (A, C), gain, M = plant.locations[name], plant.gains[name], claim.matrices[name]
-    if plant.time_step is not None:
-        made = product(gain, C) if C else scaled(A, 0)
-        return "M is A - G C, to one part in 10⁶", is_difference(M, A, made)
-    said = "M is e^{A h} minus the sampled gain times C, to one part in 10⁶"
-    return said, is_sampled_form(M, A, C, gain, step)
 
 
 __all__ = ["verify_design"]

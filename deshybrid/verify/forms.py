@@ -15,7 +15,7 @@ from fractions import Fraction
 from math import ceil
 
 from deshybrid.diagnostics import LimitReached, diagnostic
-from deshybrid.linear.exact import Rational, product, scaled, transposed
+from deshybrid.linear.exact import Rational, transposed
 from deshybrid.linear.exact_definite import is_positive_definite
 from deshybrid.linear.exact_inequalities import (
     Leg,
@@ -25,9 +25,9 @@ from deshybrid.linear.exact_inequalities import (
     jump_decreases,
     stay_decreases,
 )
-from deshybrid.linear.exact_sampling import is_difference, is_sampled_form
 from deshybrid.linear.lifting import lifted_size
 from deshybrid.verify.design_file import FORM_THEOREMS, Plant, same_names
+from deshybrid.verify.sampled import made_from_the_gains
 from deshybrid.verify.values import as_mapping, mapping_at, matrix_at, number_at, refuse, require
 
 PART_OF_A_STEP = Fraction(1, 10**6)
@@ -134,7 +134,7 @@ def _statement(plant: Plant, claim: FormClaim) -> Iterator[tuple[str, bool]]:
 def _location(plant: Plant, claim: FormClaim, name: str) -> Iterator[tuple[str, bool]]:
     P, Q, motion = claim.P[name], claim.Q[name], Motion(claim.matrices[name], claim.step)
     if claim.theorem.endswith("-sampled") and claim.step is not None:
-        yield _made_from_the_gains(plant, claim, name, claim.step)
+        yield made_from_the_gains(plant, claim.matrices[name], name, claim.step)
     for what, form in (("P", P), ("Q", Q)):
         yield f"{what} is symmetric and positive definite", form == transposed(form) and is_positive_definite(form)
     flow = "M^[d]ᵀ Q M^[d] < e^{-2 d μ h} Q" if claim.step else "F^[d]ᵀ Q + Q F^[d] + 2 d μ Q < 0 with F = A - G C"
@@ -145,15 +145,6 @@ def _location(plant: Plant, claim: FormClaim, name: str) -> Iterator[tuple[str, 
     for jump in plant.exits(name):
         said = f"jump inequality: R^[d]ᵀ P R^[d] < Q for the reset to `{jump.target}`"
         yield said, jump_decreases(jump.matrix, claim.P[jump.target], Q, claim.degree)
-
-
-def _made_from_the_gains(plant: Plant, claim: FormClaim, name: str, step: Fraction) -> tuple[str, bool]:
-    (A, C), gain, M = plant.locations[name], plant.gains[name], claim.matrices[name]
-    if plant.time_step is not None:
-        made = product(gain, C) if C else scaled(A, 0)
-        return "M is A - G C, to one part in 10⁶", is_difference(M, A, made)
-    said = "M is e^{A h} minus the sampled gain times C, to one part in 10⁶"
-    return said, is_sampled_form(M, A, C, gain, step)
 
 
 def _read(entry: Mapping[str, object], number: int, plant: Plant) -> FormClaim | SilentForm:
