@@ -3,6 +3,7 @@
 import random
 from collections.abc import Callable
 
+from benchmarks.plants import ring_of_trains, transfer_line
 from deshybrid.des.automaton import DES
 from deshybrid.des.composition import Composition
 
@@ -105,12 +106,16 @@ def _output(draw: random.Random, outputs: int, silent: float) -> str | None:
 
 
 FAMILIES: dict[str, Callable[[], DES]] = {
-    "sparse 1,000": lambda: sparse(1_000),
-    "dense 100": lambda: dense(100, branching=8, outputs=20),
+    "random 1,000": lambda: sparse(1_000, branching=3, outputs=8),
+    "random 1,000, 10 % silent": lambda: sparse(1_000, branching=3, outputs=12, silent=0.1),
+    "random 3,000, 40 % silent": lambda: sparse(3_000, silent=0.4),
+    "random 10,000, 5 % silent": lambda: sparse(10_000, silent=0.05),
+    "random 400, 80 % silent": lambda: sparse(400, branching=3, silent=0.8),
+    "dense 100": lambda: dense(100, branching=10, outputs=24),
     "14th from the end": lambda: from_the_end(14),
     "16th from the end": lambda: from_the_end(16),
-    "silent 3,000": lambda: sparse(3_000, silent=0.4),
-    "mostly silent 400": lambda: sparse(400, branching=3, silent=0.8),
-    "ring 3,000": lambda: ring(3_000, outputs=3),
     "line 1,000": lambda: line(1_000),
+    "ring 3,000": lambda: ring(3_000, outputs=3),
+    "ring of trains": ring_of_trains,
+    "transfer line": transfer_line,
 }

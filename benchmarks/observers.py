@@ -1,66 +1,96 @@
-"""Build the observers of the families and compare with plain Python sets: `python -m benchmarks.observers`.
+"""Build the observers of the families beside other libraries: `python -m benchmarks.observers [word in a name ...]`.
 
-Plain sets means what a textbook says: eliminate ε, then a subset construction on frozen sets of names.  Both must find
-equally many states and arcs; that of deshybrid has names in order and persistent states besides.
-Times are processor seconds, the best of three.
+Every library that is installed (`pip install .[bench]`, see `peers`) builds the observer of the same system; the
+numbers of states are compared, in the convention of the library: arrival sets (the entry estimates of the papers) or
+closed sets.
+Times are processor seconds, the best of three, each in a process of its own, which is ended after a minute.  A peer
+starts from its own object in memory, deshybrid from a `DES`, with its names and outputs as texts.
 """
 
+import multiprocessing
+import sys
 import time
 from collections.abc import Callable
+from multiprocessing.connection import Connection
 
 from benchmarks.families import FAMILIES
-from deshybrid.des.automaton import DES, Output
-from deshybrid.des.epsilon import eliminate_epsilon
-from deshybrid.des.observer import build_location_observer
-from deshybrid.des.worklist import explore
+from benchmarks.peers import OURS, PEERS, Peer
 
-Names = frozenset[str]
+PATIENCE = 60.0
+Result = tuple[float, int] | str
 
 
-def by_plain_sets(des: DES) -> tuple[int, int]:
-    """Return the number of states and arcs of D_O."""
-    moves: dict[str, list[tuple[Output, str]]] = {name: [] for name in des.locations}
-    for edge in eliminate_epsilon(des).edges:
-        moves[edge.source].append((edge.output, edge.target))
-
-    def successors(state: Names) -> list[tuple[Output, Names]]:
-        found: dict[Output, set[str]] = {}
-        for name in state:
-            for output, target in moves[name]:
-                found.setdefault(output, set()).add(target)
-        return [(output, frozenset(entered)) for output, entered in found.items()]
-
-    graph = explore([frozenset(des.initial)], successors)
-    return len(graph.nodes), len(graph.arcs)
-
-
-def by_deshybrid(des: DES) -> tuple[int, int]:
-    """Return the number of states and arcs of D_O."""
-    observer = build_location_observer(eliminate_epsilon(des), max_states=10_000_000)
-    return len(observer.states), len(observer.transitions)
-
-
-def best_of_three(build: Callable[[DES], tuple[int, int]], make: Callable[[], DES]) -> tuple[float, tuple[int, int]]:
-    """Return the shortest of three times, on a new system each time, and the size that was found."""
-    times = []
-    for _ in range(3):
-        des = make()
+def measure(prepare: Callable[..., Callable[[], int]], family: str) -> Result:
+    """Return processor seconds and the number of states: the best of three, or of one where it takes long."""
+    times: list[float] = []
+    states = 0
+    while len(times) < 3 and sum(times) < PATIENCE / 4:
+        try:
+            build = prepare(FAMILIES[family]())
+        except ImportError:
+            return "not installed"
         before = time.process_time()
-        size = build(des)
+        states = build()
         times.append(time.process_time() - before)
-    return min(times), size
+    return min(times), states
+
+
+def _send(pipe: Connection, peer: Peer, family: str) -> None:
+    pipe.send(measure(peer.prepare, family))
+
+
+def alone(peer: Peer, family: str) -> Result:
+    """Return `measure` from a process of its own; a text where it comes to nothing."""
+    context = multiprocessing.get_context("spawn")
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_send, args=(sender, peer, family))
+    process.start()
+    sender.close()
+    try:
+        return receiver.recv() if receiver.poll(PATIENCE) else f"more than {PATIENCE:.0f} s"
+    except EOFError:
+        return "failed"
+    finally:
+        process.kill()
+        process.join()
+
+
+def check(family: str, results: dict[Peer, Result]) -> None:
+    """Stop where numbers of states differ; a peer with one state to start in may have one more, or one less."""
+    counted = {peer: result[1] for peer, result in results.items() if not isinstance(result, str)}
+    for ours in OURS:
+        for peer in PEERS:
+            if peer.sets == ours.sets and abs(counted.get(peer, counted[ours]) - counted[ours]) > 1:
+                raise SystemExit(f"{family}: {counted[peer]} states by {peer.name}, {counted[ours]} by {ours.name}")
+
+
+def row(family: str, results: dict[Peer, Result]) -> str:
+    """Return a row of the table; the ratio is to the fastest library that keeps the same sets."""
+    cells = [family]
+    for ours in OURS:
+        mine = results[ours]
+        peers = [(r[0], peer.name) for peer, r in results.items() if peer.sets == ours.sets and not isinstance(r, str)]
+        rivals = [pair for pair in peers if pair[1] != ours.name]
+        if isinstance(mine, str):
+            cells += ["", mine, ""]
+            continue
+        ratio = f"{mine[0] / min(rivals)[0]:.2f} ({min(rivals)[1]})" if rivals else "no peer"
+        cells += [f"{mine[1]:,}", f"{mine[0]:.3f}", ratio]
+    cells += [r if isinstance(r, str) else f"{r[0]:.3f}" for peer, r in results.items() if peer not in OURS]
+    return "| " + " | ".join(cells) + " |"
 
 
 def main() -> None:
-    """Print one row per family."""
-    print("| family | states | arcs | plain sets, s | deshybrid, s | ratio |\n|---|---|---|---|---|---|")
-    for name, make in FAMILIES.items():
-        plain, expected = best_of_three(by_plain_sets, make)
-        ours, size = best_of_three(by_deshybrid, make)
-        if size != expected:
-            raise SystemExit(f"{name}: {size} by deshybrid, {expected} by plain sets")
-        states, arcs = size
-        print(f"| {name} | {states:,} | {arcs:,} | {plain:.2f} | {ours:.2f} | {ours / plain:.2f} |", flush=True)
+    """Print one row per family whose name has one of the words given."""
+    words = sys.argv[1:] or [""]
+    titles = ["family", "arrival sets", "s", "ratio", "closed sets", "s", "ratio"]
+    titles += [f"{peer.name} ({peer.sets}), s" for peer in PEERS]
+    print("| " + " | ".join(titles) + " |\n" + "|---" * len(titles) + "|", flush=True)
+    for family in FAMILIES:
+        if any(word in family for word in words):
+            results = {peer: alone(peer, family) for peer in (*OURS, *PEERS)}
+            check(family, results)
+            print(row(family, results), flush=True)
 
 
 if __name__ == "__main__":

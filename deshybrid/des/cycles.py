@@ -9,9 +9,13 @@ All functions are linear in nodes plus arcs.  Source: Balluchi et al. (2012), se
 
 from collections import deque
 from collections.abc import Callable, Collection
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from deshybrid.des.worklist import Graph
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+    from scipy.sparse import csr_array
 
 
 def transient_order(graph: Graph[Any, Any]) -> list[int]:
@@ -44,6 +48,31 @@ def persistent_nodes(graph: Graph[Any, Any]) -> list[int]:
     """
     transient = set(transient_order(graph))
     return [node for node in range(len(graph.nodes)) if node not in transient]
+
+
+def persistent_among(nodes: int, source: "NDArray[Any]", target: "NDArray[Any]") -> list[int]:
+    """Return what `persistent_nodes` returns, for arcs in arrays: arc i goes from `source[i]` to `target[i]`.
+
+    Source: strong components by scipy (Pearce, 2005).
+
+    >>> import numpy as np
+    >>> persistent_among(3, np.array([0, 1, 2]), np.array([1, 2, 2]))
+    [2]
+    """
+    import numpy as np
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+    def graph(tail: "NDArray[Any]", head: "NDArray[Any]") -> "csr_array[Any]":
+        return csr_array((np.ones(len(tail)), (tail, head)), shape=(nodes + 1, nodes + 1))
+
+    component = connected_components(graph(source, target), directed=True, connection="strong")[1]
+    cyclic = np.bincount(component)[component] > 1
+    cyclic[source[source == target]] = True
+    entry = np.flatnonzero(cyclic)  # one more node, number `nodes`, goes to every node on a cycle
+    tail, head = np.append(source, np.full(len(entry), nodes)), np.append(target, entry)
+    found = breadth_first_order(graph(tail, head), nodes, return_predecessors=False)
+    return [int(node) for node in np.sort(found)[:-1]]
 
 
 def longest_path_to(graph: Graph[Any, Any], goals: Collection[int]) -> int | None:
@@ -178,6 +207,7 @@ __all__ = [
     "cycle_before",
     "longest_path_to",
     "nodes_on_cycles",
+    "persistent_among",
     "persistent_nodes",
     "shortest_walk",
     "strong_components",

@@ -7,6 +7,7 @@ gives equal numbers; every node remembers the arc that found it first, so that s
 Idea: a worklist.  Cost: one call of `successors` per node, linear in nodes plus arcs.
 """
 
+import sys
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -75,11 +76,30 @@ def explore(
     >>> graph.nodes, graph.arcs
     ((1, 2, 4), ((0, 'double', 1), (1, 'double', 2), (2, 'double', 0)))
     """
+    return explore_while_few(roots, successors, limit=limit, what=what)[0]
+
+
+def explore_while_few(
+    roots: Iterable[Node],
+    successors: Callable[[Node], Iterable[tuple[Label, Node]]],
+    *,
+    waiting: int | None = None,
+    limit: int | None = None,
+    what: str = "states",
+) -> tuple[Graph[Node, Label], int]:
+    """Return the graph that `explore` returns, or its first part: up to where more than `waiting` nodes have no arcs.
+
+    The number with it says how many nodes have their arcs.
+
+    >>> explore_while_few([1], lambda n: [("one", 2 * n), ("two", 2 * n + 1)], waiting=2)[1]
+    2
+    """
     number: dict[Node, int] = {}
     for root in roots:
         number.setdefault(root, len(number))
     nodes, arcs = list(number), list[tuple[int, Label, int]]()
     found_by = [-1] * len(nodes)
+    source, most = -1, sys.maxsize if waiting is None else waiting + 1
     for source, node in enumerate(nodes):  # the list grows while it is read: it is the worklist
         for label, successor in successors(node):
             target = number.setdefault(successor, len(nodes))
@@ -90,13 +110,20 @@ def explore(
         if not source % _PATIENCE:
             check_limits()
         if limit is not None and len(nodes) > limit:
-            raise LimitReached(_too_many(len(nodes), len(nodes) - source - 1, limit, what))
-    return Graph(tuple(nodes), tuple(arcs), tuple(found_by))
+            raise LimitReached(too_many(len(nodes), len(nodes) - source - 1, limit, what))
+        if len(nodes) - source > most:
+            break
+    return Graph(tuple(nodes), tuple(arcs), tuple(found_by)), source + 1
 
 
-def _too_many(found: int, waiting: int, limit: int, what: str) -> Diagnostic:
+def too_many(found: int, waiting: int, limit: int, what: str) -> Diagnostic:
+    """Return what is said where more than `limit` nodes are found, `waiting` of them without their arcs.
+
+    >>> too_many(12, 3, 10, "states").message
+    'there are more than 10 states'
+    """
     facts = f"{found} {what} were found when the search stopped, {waiting} of them not yet expanded"
     return diagnostic("DH0901", f"there are more than {limit} {what}", notes=(facts,), helps=("raise the limit",))
 
 
-__all__ = ["Graph", "explore"]
+__all__ = ["Graph", "explore", "explore_while_few", "too_many"]
