@@ -24,10 +24,11 @@ from deshybrid.des.cycles import persistent_among
 from deshybrid.des.moves import distinct
 from deshybrid.des.subsets import SetGraph, numbered_moves
 from deshybrid.des.worklist import too_many
-from deshybrid.diagnostics import LimitReached
+from deshybrid.diagnostics import LimitReached, check_limits
 
 Numbers: TypeAlias = NDArray[Any]
 _BATCH = 1 << 18  # members that move at once
+_BYTES = 200  # that a member takes while it moves, where few transitions leave a location and little is silent
 _FLAGS = 1 << 23  # (set, location) pairs that are closed under silence at once
 _FEW = 64  # members that are closed one by one: a round of array operations costs more
 _SHORT = 1 << 32  # shorter numbers are sorted in half the time
@@ -321,7 +322,8 @@ class ArrayGraph(SetGraph):
 def explore_in_batches(moves: ArrayMoves, part: ArrayGraph, expanded: int, *, limit: int, what: str) -> ArrayGraph:
     """Return the graph of all sets that can be reached from those of `part`, of which `expanded` have their arcs.
 
-    Sets given twice count once, if only sets without arcs are.  Raises `LimitReached` (DH0901) where the worklist does.
+    Sets given twice count once, if only sets without arcs are.  Raises `LimitReached` (DH0901) where the worklist does,
+    and `OutOfResources` beyond the limits of `within`.
 
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", "β")])
     >>> moves = ArrayMoves.of(des, (Output("α"), Output("β")), closed=False)
@@ -345,7 +347,9 @@ def _explore(
     arcs = [(part.source, part.output, part.target)]
     while expanded < known.count:
         before, stop = known.count, known.end_of_batch(expanded, moves.sets_at_once())
-        arc, entered = moves.move(known.sets(expanded, stop))
+        batch = known.sets(expanded, stop)
+        check_limits(_BYTES * len(batch.item))
+        arc, entered = moves.move(batch)
         source = arc // moves.outputs + expanded
         target = known.number(entered)
         if known.count > limit:

@@ -16,7 +16,7 @@ from deshybrid.des.epsilon import OutputAutomaton, eliminate_epsilon
 from deshybrid.des.observer import LocationObserver, build_location_observer
 from deshybrid.des.subsets import PlainGraph
 from deshybrid.des.worklist import explore, explore_while_few
-from deshybrid.diagnostics import LimitReached
+from deshybrid.diagnostics import LimitReached, OutOfResources, within
 from tests import naive_des as naive
 from tests.strategies import random_des
 
@@ -169,6 +169,13 @@ def test_a_limit_is_reached_long_before_the_observer_is_built() -> None:
     with pytest.raises(LimitReached) as caught:
         build_location_observer(eliminate_epsilon(from_the_end(60)), max_states=5_000)
     assert caught.value.diagnostics[0].message == "there are more than 5000 observer states"
+
+
+def test_batches_mind_the_time_and_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    only_batches(monkeypatch)
+    for limits in ({"timeout": 0.0}, {"memory": 1}):
+        with within(**limits), pytest.raises(OutOfResources):
+            build_location_observer(eliminate_epsilon(from_the_end(6)))
 
 
 @pytest.mark.parametrize("way", [only_batches, early_batches])
