@@ -125,9 +125,13 @@ class Design(Explained):
     @cached_property
     def ultimate(self) -> "UltimateBound | None":
         """The level below which the error stays in the end, in the worst case; found when asked for."""
+        from deshybrid.continuous.certified import forms_for
         from deshybrid.continuous.ultimate import ultimate_bound
 
-        return ultimate_bound(self.system, self.gains, delay=self.delay) if self.gains and self.certificates else None
+        if self.gains is None or not self.certificates:
+            return None
+        forms = forms_for(self.certificates, self.delay)
+        return ultimate_bound(self.system, self.gains, delay=self.delay, forms=forms)
 
     @cached_property
     def lower_limit(self) -> "DwellLowerLimit | None":

@@ -88,6 +88,12 @@ def interval_lines(certificates: Sequence[Certificate], limit: DwellLowerLimit |
     ]
 
 
+def forms_for(certificates: Sequence[Certificate], delay: float) -> InequalityCertificate | None:
+    """Return the certificate by forms of the continuous observer for this delay (s), None where there is none."""
+    plain = [entry for entry in certificates if isinstance(entry, InequalityCertificate) and entry.delay == delay]
+    return next((entry for entry in plain if not entry.theorem.endswith("-sampled")), None)
+
+
 def _of_kind(certificates: Sequence[Certificate], *, sampled: bool) -> list[Certificate]:
     kind = [entry for entry in certificates if entry.theorem.endswith("-sampled") == sampled]
     latest = max((entry.delay for entry in kind), default=0.0)
@@ -98,6 +104,7 @@ __all__ = [
     "Certificate",
     "deciding",
     "dwell_gap",
+    "forms_for",
     "interval_lines",
     "is_certified",
     "known_limit",

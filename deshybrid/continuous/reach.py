@@ -232,4 +232,4 @@ def _corners(directions: FloatArray, levels: FloatArray) -> FloatArray:
     return np.asarray(corners)
 
 
-__all__ = ["Outer", "entry_sets", "highest", "outer_set"]
+__all__ = ["Levels", "Outer", "entry_sets", "highest", "outer_set"]

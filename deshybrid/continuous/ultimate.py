@@ -12,7 +12,8 @@ larger.  Several norms are tried.
 
 State by state, `continuous/entrywise.py`: no κ enters, nor any unit.
 
-From what these two leave, reachable sets go down to nearly what an adversary reaches (`continuous/reach.py`).
+Where only a certificate by forms holds, its ellipsoids are the start (`continuous/ellipsoids.py`).  From what these
+leave, reachable sets go down to nearly what an adversary reaches (`continuous/reach.py`).
 
 With a delay the plant is in i while the observer still follows j; see `continuous/mismatch.py`: this is (49),
 repaired.  Cost: a second for three locations of three states.
@@ -23,32 +24,23 @@ Source: Balluchi et al. (2012), (27), (31), (49) and the appendix.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import expm1
-from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 
 from deshybrid.continuous.dwell import DwellTimeCertificate, certify_dwell, stay_steps
+from deshybrid.continuous.ellipsoids import entry_ellipsoids
 from deshybrid.continuous.entrywise import Stay, entrywise_bound
 from deshybrid.continuous.error import ErrorDynamics, dynamics_of, error_dynamics, state_scale
 from deshybrid.continuous.gains import ObserverGains
 from deshybrid.continuous.impulse import impulse_norm
+from deshybrid.continuous.lmi import InequalityCertificate
 from deshybrid.continuous.mismatch import mismatches, missing_bounds
 from deshybrid.continuous.modes import ModalBasis, modal_basis
-from deshybrid.continuous.reach import entry_sets, highest
+from deshybrid.continuous.reach import Levels, entry_sets, highest
 from deshybrid.continuous.responses import Flow
 from deshybrid.continuous.search import needed_dwell, reset_norm
 from deshybrid.linear.arrays import FloatArray, frozen_array
 from deshybrid.model.system import HybridSystem
-
-
-@dataclass(frozen=True, slots=True)
-class UltimatePart:
-    """One location's part, in the norm of the bound's scale: kappa, forced = ‖g_j‖, kick = worst kick of its exits."""
-
-    kappa: float
-    forced: float
-    kick: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,24 +48,15 @@ class UltimateBound:
     """A bound that the error does not exceed once the initial error has died out.
 
     value: bound of ‖ζ‖₂ in the states' own units, None where there is none; by_state (n,): one bound per state, in its
-    unit; parts by location in the norm ‖diag(scale)⁻¹ ·‖₂ that gave `value`; reason: one sentence.
+    unit; rate (1/s), dwell and delay (s) for which it holds; reason: one sentence.
     """
 
     value: float | None
     by_state: FloatArray | None
-    parts: Mapping[str, UltimatePart]
     rate: float
     dwell: float
     delay: float
-    scale: FloatArray
     reason: str
-
-
-class _InNorm(NamedTuple):
-    """The bound in the norm of one scale: what each location adds, and what it means for each state."""
-
-    parts: Mapping[str, UltimatePart]
-    by_state: FloatArray
 
 
 def ultimate_bound(
@@ -83,10 +66,12 @@ def ultimate_bound(
     rate: float | None = None,
     dwell: float | None = None,
     delay: float = 0.0,
+    forms: InequalityCertificate | None = None,
 ) -> UltimateBound:
     """Return the ultimate bound for the given rate (1/s), dwell time and detection delay (s).
 
-    Defaults are those of `certify_dwell`, which has to hold; else `value` is None and `reason` says why.  Also needed:
+    Defaults are those of `certify_dwell`.  It has to hold, or `forms`, a certificate by quadratic forms for the same
+    dwell time and delay, in its place; else `value` is None and `reason` says why.  Also needed:
     `bounds.disturbance` where a disturbance enters; with a delay also `bounds.state` and `bounds.input`.  Measurement
     noise counts as zero where `bounds.measurement` is not stated, and the reason says so.
 
@@ -103,50 +88,51 @@ def ultimate_bound(
     """
     certificate = certify_dwell(system, gains, rate=rate, dwell=dwell, delay=delay)
     missing = missing_bounds(system, gains.locations, delay)
-    if not certificate.holds:
-        missing = f"(20) does not hold: {certificate.reason}"
     if missing:
-        return _none(certificate, missing)
+        return _bound(certificate, None, missing)
     dynamics = error_dynamics(system, gains.gains)
     bases = {name: modal_basis(dynamics.matrices[name], certificate.scale, step=dynamics.step) for name in gains.gains}
     stays = _stays(system, gains, bases, delay)
     beta = certificate.dwell - delay
     if dynamics.step is not None:
         beta = stay_steps(beta, dynamics.step) * dynamics.step
-    found = [_in_norm(dynamics, stays, scale, certificate.rate, beta) for scale in _scales(system, gains, certificate)]
-    bounds = [bound for bound in found if bound is not None]
-    own = entrywise_bound(stays, beta, dynamics.step)
-    by_state = np.min([bound.by_state for bound in bounds] + ([] if own is None else [own]), axis=0)
-    by_state = np.minimum(by_state, _reachable(system, gains, stays, by_state, beta))
-    return UltimateBound(
-        value=float(np.linalg.norm(by_state)),
-        by_state=frozen_array(by_state, by_state.shape),
-        parts=bounds[0].parts,
-        rate=certificate.rate,
-        dwell=certificate.dwell,
-        delay=delay,
-        scale=certificate.scale,
-        reason=_reason(system, delay),
-    )
+    start, known = "equation (31)" if delay == 0 else "equation (49), its lemma repaired", None
+    if certificate.holds:
+        known = _by_condition_20(system, gains, certificate, stays, beta)
+    elif forms is not None and forms.holds and forms.P is not None and forms.Q is not None and forms.degree == 2:
+        start = "forms that decrease from entry to entry"
+        known = entry_ellipsoids(dynamics, forms.P, forms.Q, stays, dict.fromkeys(stays, beta))
+    if known is None:
+        return _bound(certificate, None, f"(20) does not hold: {certificate.reason}")
+    noise = "" if system.bounds.measurement is not None else ", measurements taken as exact (no bound stated)"
+    by_state = _reachable(system, gains, stays, known, beta)
+    return _bound(certificate, by_state, f"{start}, tightened by reachable sets{noise}")
 
 
-def _none(certificate: DwellTimeCertificate, reason: str) -> UltimateBound:
+def _bound(certificate: DwellTimeCertificate, by_state: FloatArray | None, reason: str) -> UltimateBound:
     return UltimateBound(
-        value=None,
-        by_state=None,
-        parts=MappingProxyType({}),
+        value=None if by_state is None else float(np.linalg.norm(by_state)),
+        by_state=None if by_state is None else frozen_array(by_state, by_state.shape),
         rate=certificate.rate,
         dwell=certificate.dwell,
         delay=certificate.delay,
-        scale=certificate.scale,
         reason=reason,
     )
 
 
-def _reason(system: HybridSystem, delay: float) -> str:
-    noise = "" if system.bounds.measurement is not None else ", measurements taken as exact (no bound stated)"
-    start = "equation (31)" if delay == 0 else "equation (49), its lemma repaired"
-    return f"{start}, tightened by reachable sets{noise}"
+def _by_condition_20(
+    system: HybridSystem,
+    gains: ObserverGains,
+    certificate: DwellTimeCertificate,
+    stays: Mapping[str, Stay],
+    beta: float,
+) -> Mapping[str, Levels]:
+    """Bounds along rows from those state by state, the better one of the two coarse ways each time."""
+    dynamics = error_dynamics(system, gains.gains)
+    found = [_in_norm(dynamics, stays, scale, certificate.rate, beta) for scale in _scales(system, gains, certificate)]
+    bounds = [*found, entrywise_bound(stays, beta, dynamics.step)]
+    by_state = np.min([bound for bound in bounds if bound is not None], axis=0)
+    return dict.fromkeys(stays, lambda rows: np.asarray(np.abs(rows) @ by_state))
 
 
 def _scales(system: HybridSystem, gains: ObserverGains, certificate: DwellTimeCertificate) -> tuple[FloatArray, ...]:
@@ -178,41 +164,40 @@ def _drive(system: HybridSystem, gains: ObserverGains, name: str) -> FloatArray:
 
 
 def _reachable(
-    system: HybridSystem, gains: ObserverGains, stays: Mapping[str, Stay], by_state: FloatArray, beta: float
+    system: HybridSystem, gains: ObserverGains, stays: Mapping[str, Stay], known: Mapping[str, Levels], beta: float
 ) -> FloatArray:
     """The bounds (n,) that reachable sets leave of given ones."""
-    if not by_state.any():
-        return by_state
+    states = np.eye(len(system.state_names))
+    if not any(levels(states).any() for levels in known.values()):
+        return np.zeros(len(states))
     flows = {n: Flow(stay.modes, _drive(system, gains, n), system.time_step) for n, stay in stays.items()}
     exits = {name: stay.exits for name, stay in stays.items()}
-    known = dict.fromkeys(flows, lambda rows: np.asarray(np.abs(rows) @ by_state))
     sets = entry_sets(flows, exits, known, dict.fromkeys(flows, beta))
     return np.asarray(np.max([highest(flow, exits[name], sets[name]) for name, flow in flows.items()], axis=0))
 
 
 def _in_norm(
     dynamics: ErrorDynamics, stays: Mapping[str, Stay], scale: FloatArray, rate: float, beta: float
-) -> _InNorm | None:
-    """(31) or (49) in the norm of one scale, None where (20) does not hold in it."""
+) -> FloatArray | None:
+    """(31) or (49) in the norm of one scale as bounds of the states (n,), None where (20) does not hold in it."""
 
     def size(vector: FloatArray) -> float:
         return float(np.linalg.norm(vector / scale))
 
-    parts = {}
+    kappas, kicks = {}, [0.0]
     for name, stay in stays.items():
         basis = modal_basis(dynamics.matrices[name], scale, step=dynamics.step)
         norm = reset_norm([reset.matrix for reset in dynamics.exits(name)], scale)
         if needed_dwell(basis, norm, rate) > beta:
             return None
-        kicks = [size(np.abs(e.reset) @ (stay.forced + e.push) + e.extra) for e in stay.exits]
-        parts[name] = UltimatePart(basis.kappa, size(stay.forced), max(kicks, default=0.0))
-    level = max((part.kick for part in parts.values()), default=0.0) / -expm1(-rate * beta)
+        kappas[name] = basis.kappa
+        kicks += [size(np.abs(e.reset) @ (stay.forced + e.push) + e.extra) for e in stay.exits]
+    level = max(kicks) / -expm1(-rate * beta)
     peaks = [np.zeros(len(scale))]
     for name, stay in stays.items():
-        kappa = parts[name].kappa
-        peaks.append(scale * kappa * level + stay.forced)
-        peaks += [scale * kappa * (level + size(e.jump)) + stay.forced + e.push for e in stay.exits]
-    return _InNorm(MappingProxyType(parts), np.max(peaks, axis=0))
+        peaks.append(scale * kappas[name] * level + stay.forced)
+        peaks += [scale * kappas[name] * (level + size(e.jump)) + stay.forced + e.push for e in stay.exits]
+    return np.asarray(np.max(peaks, axis=0))
 
 
-__all__ = ["UltimateBound", "UltimatePart", "ultimate_bound"]
+__all__ = ["UltimateBound", "ultimate_bound"]

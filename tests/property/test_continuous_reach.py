@@ -11,6 +11,7 @@ from benchmarks.adversary import Jump, place, worst_errors
 from deshybrid.continuous.dwell import certify_dwell
 from deshybrid.continuous.error import error_dynamics, error_resets
 from deshybrid.continuous.gains import ObserverGains, design_gains
+from deshybrid.continuous.lmi import certify_by_inequalities
 from deshybrid.continuous.modes import modal_basis
 from deshybrid.continuous.reach import outer_set
 from deshybrid.continuous.responses import Flow, bends, pushed, pushed_after, rest, rows_at, times_from
@@ -203,3 +204,26 @@ def test_no_random_execution_of_an_example_leaves_the_bound(model: str) -> None:
 def test_none_of_ten_thousand_random_executions_of_an_example_leaves_the_bound(model: str) -> None:
     largest, bound = executions(model, 10_000)
     assert (largest <= bound).all()
+
+
+def test_where_only_forms_hold_the_bound_starts_from_ellipsoids_and_is_as_good() -> None:
+    """Between the dwell time that forms ask for and the one that (20) asks for; no adversary leaves it."""
+    compared = 0
+    for seed in range(6):
+        system, gains = disturbed(seed)
+        paper = certify_dwell(system, gains)
+        dynamics = error_dynamics(system, gains.gains)
+        needed = certify_by_inequalities(dynamics, rate=paper.rate).required_dwell
+        stay = (needed + paper.required_dwell) / 2
+        forms = certify_by_inequalities(dynamics, rate=paper.rate, dwell=stay)
+        bound = ultimate_bound(system, gains, dwell=stay, forms=forms)
+        if forms.degree > 2:
+            continue
+        assert not certify_dwell(system, gains, dwell=stay).holds
+        assert bound.by_state is not None
+        assert "forms" in bound.reason
+        reached = adversary(system, gains, stay, bound.by_state)
+        assert (reached <= bound.by_state * (1 + 1e-9)).all()
+        assert np.median(bound.by_state / reached) <= 2.0
+        compared += 1
+    assert compared >= 3
