@@ -54,7 +54,7 @@ def congruence(matrix: FloatArray) -> FloatArray:
     >>> congruence(np.array([[3.0]]))
     array([[9.]])
     """
-    unpack = _unpacking(len(matrix))
+    unpack = unpacking(len(matrix))
     return np.asarray(unpack.T @ np.kron(matrix.T, matrix.T) @ unpack)
 
 
@@ -64,7 +64,7 @@ def drift(matrix: FloatArray) -> FloatArray:
     >>> drift(np.array([[3.0]]))
     array([[6.]])
     """
-    unpack, one = _unpacking(len(matrix)), np.eye(len(matrix))
+    unpack, one = unpacking(len(matrix)), np.eye(len(matrix))
     return np.asarray(unpack.T @ (np.kron(matrix.T, one) + np.kron(one, matrix.T)) @ unpack)
 
 
@@ -93,10 +93,10 @@ def solve(size: int, count: int, inequalities: Sequence[Sequence[Term]], *, norm
     cost[-1] = -1.0
     matrix, right = _rows(size, inequalities, columns, normalised)
     cones = [clarabel.ZeroConeT(1), *(clarabel.PSDTriangleConeT(size) for _ in inequalities)]
-    solver = clarabel.DefaultSolver(csc_matrix((columns, columns)), cost, matrix, right, cones, _settings(packed))
+    solver = clarabel.DefaultSolver(csc_matrix((columns, columns)), cost, matrix, right, cones, settings(packed))
     found = solver.solve()
     values = np.asarray(found.x)
-    unpack = _unpacking(size)
+    unpack = unpacking(size)
     unknowns = tuple((unpack @ part).reshape(size, size) for part in values[:-1].reshape(count, packed))
     solved = str(found.status) in ("Solved", "AlmostSolved") and bool(np.isfinite(values).all())
     return Solution(unknowns, float(values[-1]) if solved else -np.inf)
@@ -109,7 +109,7 @@ def require_solver() -> None:
         raise UsageError(diagnostic("DH0518", message, helps=("install the extra: `pip install deshybrid[lmi]`",)))
 
 
-def _settings(packed: int) -> "clarabel.DefaultSettings":
+def settings(packed: int) -> "clarabel.DefaultSettings":
     import clarabel
 
     settings = clarabel.DefaultSettings()
@@ -126,7 +126,7 @@ def _rows(
     """The sparse matrix A and vector b of A x + s = b, s in the cones; the last column is the margin."""
     from scipy.sparse import coo_matrix, csc_matrix
 
-    one = _unpacking(size).T @ np.eye(size).ravel()
+    one = unpacking(size).T @ np.eye(size).ravel()
     packed, places = len(one), np.flatnonzero(one)
     rows, where, values = [], [], []
     for k in range(normalised):
@@ -151,7 +151,7 @@ def _rows(
 
 
 @lru_cache(maxsize=32)
-def _unpacking(size: int) -> FloatArray:
+def unpacking(size: int) -> FloatArray:
     """From the packed upper triangle by columns, off-diagonal entries times √2, to all entries of the matrix."""
     matrix = np.zeros((size * size, size * (size + 1) // 2))
     place = 0

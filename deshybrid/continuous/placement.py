@@ -48,18 +48,21 @@ def place_gain(
 
 
 def place_detectable(split: KalmanSplit, poles: ComplexArray, scale: FloatArray) -> FloatArray:
-    """Return a gain that places the observable part only; the fixed modes stay.
-
-    The unobservable part gets the gain that decouples it best from the observable one, which keeps the eigenvectors of
-    the closed loop apart: the least-squares solution of coupling = G_u C_o.
-    """
+    """Return a gain that places the observable part only; the fixed modes stay, decoupled as far as they can be."""
     k = split.observable_dimension
     if k == 0:
         return np.zeros((len(scale), len(split.C_o)))
     inside = np.linalg.norm(split.inverse[:k] * scale, axis=1)
     upper = _placed(split.A_o, split.C_o, poles, inside)
-    lower = np.linalg.lstsq(split.C_o.T, split.coupling.T, rcond=RANK_TOLERANCE)[0].T
-    return np.asarray(split.transform @ np.vstack([upper, lower]))
+    return np.asarray(split.transform @ np.vstack([upper, decoupling_gain(split)]))
+
+
+def decoupling_gain(split: KalmanSplit) -> FloatArray:
+    """Return the gain of the unobservable part that decouples it best from the observable one, shape (n - k, p).
+
+    The least-squares solution of coupling = G_u C_o, which keeps the eigenvectors of the closed loop apart.
+    """
+    return np.asarray(np.linalg.lstsq(split.C_o.T, split.coupling.T, rcond=RANK_TOLERANCE)[0].T)
 
 
 def pole_problem(poles: ComplexArray, count: int) -> str:
@@ -141,6 +144,7 @@ def _placed(A: FloatArray, C: FloatArray, poles: ComplexArray, scale: FloatArray
 
 __all__ = [
     "SPREAD",
+    "decoupling_gain",
     "output_rank",
     "place_detectable",
     "place_gain",

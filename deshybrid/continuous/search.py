@@ -5,13 +5,15 @@ ladder of speeds σ, and on each rung four shapes of spectrum: real poles close 
 the plant's own poles moved left of -σ (an oscillation is kept: turning it into real poles costs gain).  The lowest
 rung with a gain that meets condition (20) wins, and on it the smallest gain; if no rung does, the smallest gain that
 needs at most 1.1 times the least dwell time found (twice, where no dwell time was stated).  At most 40 placements.
+Another way to gains than by these four shapes, such as a filter's, climbs the same ladder.
 
 Source: Balluchi et al. (2012), (20); the ladder is this project's.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import inf, log
+from typing import TypeAlias
 
 import numpy as np
 
@@ -54,7 +56,20 @@ class _Trial:
     size: float
 
 
-def default_gain(task: GainTask) -> FloatArray:
+Way: TypeAlias = Callable[[GainTask, float], Iterator[FloatArray]]
+"""Gains for a task whose closed loops decay at a speed (1/s), or nearly."""
+
+
+def placements(task: GainTask, speed: float) -> Iterator[FloatArray]:
+    """Yield the gains of the four shapes of spectrum, leaving out what floating point cannot place."""
+    for poles in _shapes(task.split, speed, task.step):
+        try:
+            yield place_detectable(task.split, poles, task.scale)
+        except GainError:
+            continue
+
+
+def default_gain(task: GainTask, way: Way = placements) -> FloatArray:
     """Return the gain of the search described above; shape (n, p)."""
     if task.split.observable_dimension == 0:
         return np.zeros((len(task.A), len(task.C)))
@@ -62,14 +77,13 @@ def default_gain(task: GainTask) -> FloatArray:
     trials: list[_Trial] = []
     for rung in range(RUNGS):
         speed = 1.25 * floor * RATIO**rung
-        tried = [_trial(task, poles) for poles in _shapes(task.split, speed, task.step)]
-        level = [trial for trial in tried if trial is not None]
+        level = [_trial(task, gain) for gain in way(task, speed)]
         good = [trial for trial in level if trial.needed <= task.dwell]
         if good:
             return min(good, key=lambda trial: trial.size).gain
         trials += level
     if not trials:
-        raise GainError(diagnostic("DH0509", "no gain was found whose poles can be placed in floating point"))
+        raise GainError(diagnostic("DH0509", "no gain was found in floating point"))
     least = min(trial.needed for trial in trials)
     near = [trial for trial in trials if trial.needed <= task.patience * least]
     return min(near, key=lambda trial: trial.size).gain
@@ -144,16 +158,26 @@ def _moved_left(own: ComplexArray, speed: float, step: float | None) -> ComplexA
     return np.array(moved[: len(own)], dtype=np.complex128)
 
 
-def _trial(task: GainTask, poles: ComplexArray) -> _Trial | None:
-    """One gain with what it needs and its size, or None where floating point cannot place these poles."""
-    try:
-        gain = place_detectable(task.split, poles, task.scale)
-    except GainError:
-        return None
-    basis = modal_basis(task.A - gain @ task.C, task.scale, step=task.step, improve=False)
+def gain_size(task: GainTask, gain: FloatArray) -> float:
+    """Return ‖G‖₂ with every state in its own size and every output in that of its row of C."""
     weights = np.linalg.norm(task.C * task.scale, axis=1)
-    size = float(np.linalg.norm(gain * weights / task.scale[:, None], 2))
-    return _Trial(gain, needed_dwell(basis, task.reset_norm, task.certified_rate), size)
+    return float(np.linalg.norm(gain * weights / task.scale[:, None], 2))
 
 
-__all__ = ["GainTask", "default_gain", "from_plane_s", "needed_dwell", "reset_norm", "to_plane_s"]
+def _trial(task: GainTask, gain: FloatArray) -> _Trial:
+    """One gain with what it needs and its size."""
+    basis = modal_basis(task.A - gain @ task.C, task.scale, step=task.step, improve=False)
+    return _Trial(gain, needed_dwell(basis, task.reset_norm, task.certified_rate), gain_size(task, gain))
+
+
+__all__ = [
+    "GainTask",
+    "Way",
+    "default_gain",
+    "from_plane_s",
+    "gain_size",
+    "needed_dwell",
+    "placements",
+    "reset_norm",
+    "to_plane_s",
+]
