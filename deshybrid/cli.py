@@ -31,6 +31,7 @@ from deshybrid.options import (
     DrawWhat,
     DwellTime,
     Every,
+    GainMethod,
     MaxMemory,
     MaxStates,
     Model,
@@ -190,7 +191,9 @@ def design(
     rate: Rate = None,
     dwell: DwellTime = None,
     step: Step = None,
-    method: Annotated[Literal["place"], typer.Option(help="how gains are found")] = "place",
+    method: Annotated[
+        GainMethod, typer.Option(help="place poles, filter noise, or design gains and forms together")
+    ] = "place",
     timeout: Timeout = None,
     as_json: AsJson = False,
     output: Output = None,

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from deshybrid.continuous.certified import Certificate
     from deshybrid.continuous.cycles import DwellLowerLimit
     from deshybrid.continuous.determinability_design import Determined, Stays
+    from deshybrid.continuous.gains import Method as GainMethod
     from deshybrid.continuous.gains import ObserverGains
     from deshybrid.continuous.ultimate import UltimateBound
     from deshybrid.des.signatures import SignaturePlan
@@ -298,12 +299,13 @@ def design(
     rate: float | None = None,
     dwell: float | None = None,
     step: float | None = None,
-    method: Literal["place"] = "place",
+    method: "GainMethod" = "place",
     max_states: int = MAX_STATES,
 ) -> Design:
     """Design detector and gains, and certify them for the stated rate (1/s) and dwell time (s).  Stages 7 and 8.
 
-    Arguments override what the model's `observer` section says.  Source: Balluchi et al. (2012), Theorems 6 and 7.
+    Arguments override what the model's `observer` section says; `method`: placed poles, filters, or gains and forms
+    together (extra `lmi`), of which the better is kept.  Source: Balluchi et al. (2012), Theorems 6 and 7.
     Raises `UsageError` (DH0306) for a model without continuous state.
 
     >>> made = design("models/two_tank.yaml")
@@ -333,8 +335,8 @@ def _certified(draft: Design, stays: "Stays") -> Design:
     """Add detector, certificates and bound to a draft that has gains and a step."""
     from deshybrid.continuous.certified import paper_certificates
     from deshybrid.continuous.determinability_design import determined
-    from deshybrid.continuous.gains import design_gains
     from deshybrid.continuous.lmi import certify_forms
+    from deshybrid.continuous.methods import gains_by_method
     from deshybrid.detector.detector import build_detector, delay_warnings
 
     system, gains, plan = draft.system, draft.gains, draft.recovery.plan
@@ -349,8 +351,9 @@ def _certified(draft: Design, stays: "Stays") -> Design:
         if together.required:
             return replace(made, gains=replace(gains, rate=together.rate or gains.rate))
     certificates = paper_certificates(system, gains, step=made.step, delay=made.delay)
-    if not certificates[-1].holds and made.delay > 0.0:
-        aimed = design_gains(system, gains.locations, rate=gains.requested_rate, dwell=gains.dwell, delay=made.delay)
+    if not certificates[-1].holds and made.delay > 0.0 and gains.method != "lmi":
+        places, rate, dwell = gains.locations, gains.requested_rate, gains.dwell
+        aimed = gains_by_method(system, places, rate=rate, dwell=dwell, delay=made.delay, method=gains.method)
         retried = paper_certificates(system, aimed, step=made.step, delay=made.delay)
         if retried[-1].holds:
             gains, certificates = aimed, retried

@@ -37,6 +37,7 @@ Step = Annotated[
     float | None, typer.Option(help="sampling step in s; default: the model's `observer: step`, else a derived one")
 ]
 CheckMethod = Literal["auto", "observer", "pairs"]
+GainMethod = Literal["place", "lqe", "lmi"]
 DrawFormat = Literal["svg", "png", "pdf", "dot", "mmd", "graphml"]
 DrawWhat = Literal["des", "dprime", "observer", "complementary", "complementary-observer"]
 Every = Annotated[bool, typer.Option("--all", help="list all cheapest sets")]
@@ -49,6 +50,7 @@ __all__ = [
     "DrawWhat",
     "DwellTime",
     "Every",
+    "GainMethod",
     "MaxMemory",
     "MaxStates",
     "Model",

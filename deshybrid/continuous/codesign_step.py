@@ -14,11 +14,13 @@ convex-concave decompositions and linearization approaches for solving BMIs".
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import floor
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from deshybrid.continuous.conic import congruence, drift, identity, settings, unpacking
+from deshybrid.continuous.dwell import stay_steps
 from deshybrid.continuous.error import ErrorDynamics, ErrorReset
 from deshybrid.continuous.forms import MARGIN, Frames
 from deshybrid.linear.arrays import FloatArray, frozen_array
@@ -48,10 +50,37 @@ class GainPlant:
         """The locations, in their order."""
         return tuple(self.A)
 
+    @property
+    def shortest(self) -> float:
+        """The shortest dwell time (s) there is: zero, or one step."""
+        return 0.0 if self.step is None else self.step
+
+    def whole(self, stay: float) -> float:
+        """Return the least stay (s) that time allows and that is not shorter."""
+        return stay if self.step is None else max(1, stay_steps(stay, self.step)) * self.step
+
+    def stays(self, dwell: float) -> list[float]:
+        """Return the shortest stay of each location where every stay lasts at least `dwell` seconds."""
+        return [self.whole(max(dwell, self.least.get(name, 0.0))) for name in self.locations]
+
+    def shorter(self, dwell: float, change: float) -> float:
+        """Return the dwell time after a change (s, negative): one step shorter at least in sampled time."""
+        if self.step is None:
+            return dwell + change
+        return max(1, min(round(dwell / self.step) - 1, floor((dwell + change) / self.step))) * self.step
+
     def loops(self, gains: Gains) -> ErrorDynamics:
         """Return the error dynamics with these gains."""
         loops = {name: frozen_array(A - gains[name] @ self.C[name], A.shape) for name, A in self.A.items()}
         return ErrorDynamics(self.locations, loops, self.resets, self.step)
+
+
+class Point(NamedTuple):
+    """Gains in units, a dwell time (s) that forms prove for them, and the frames in which these are the identity."""
+
+    gains: Gains
+    dwell: float
+    frames: Frames
 
 
 class Proposal(NamedTuple):
@@ -61,26 +90,22 @@ class Proposal(NamedTuple):
     change: float
 
 
-def proposed(
-    plant: GainPlant, gains: Gains, frames: Frames, dwell: float, stays: Sequence[float], caps: Mapping[str, float],
-    radius: float,
-) -> Proposal | None:
-    """Return the gains of the step described above.
+def proposed(plant: GainPlant, point: Point, caps: Mapping[str, float], radius: float) -> Proposal | None:
+    """Return the gains of the step described above; None where the solver gave up.
 
-    dwell (s): proved in these frames by P = Q = I; stays (s) by location, those equal to `dwell` shorten with it; caps:
-    the largest ‖G_i‖₂ of the locations whose gains may move, by `radius` · cap at most in the Frobenius norm.
+    caps: the largest ‖G_i‖₂ of the locations whose gains may move, by `radius` · cap at most in the Frobenius norm.
     """
     import clarabel
     from scipy.sparse import csc_matrix
 
-    rows = _Rows(plant, gains, frames, caps)
-    for i, name in enumerate(plant.locations):
-        rows.add_location(i, name, stays[i], shortens=stays[i] <= dwell)
+    rows = _Rows(plant, point, caps)
+    for i, stay in enumerate(plant.stays(point.dwell)):
+        rows.add_location(i, stay, shortens=stay <= point.dwell)
     for reset in plant.resets:
         rows.add_jump(reset)
     for name, cap in caps.items():
         rows.add_cap(name, cap, radius * cap)
-    rows.add_dwell(dwell)
+    rows.add_dwell(point.dwell)
     cost = np.zeros(rows.columns)
     cost[-1] = 1.0
     zero = csc_matrix((rows.columns, rows.columns))
@@ -89,24 +114,24 @@ def proposed(
     values = np.asarray(found.x)
     if str(found.status) not in ("Solved", "AlmostSolved") or not np.isfinite(values).all():
         return None
-    moved = {name: gain + rows.part(values, name) if name in caps else gain for name, gain in gains.items()}
+    moved = {name: gain + rows.part(values, name) if name in caps else gain for name, gain in point.gains.items()}
     return Proposal(moved, float(values[-1]))
 
 
 class _Rows:
     """The rows of A x + s = b, s in the cones: x holds P and Q by location, the changes of G, and that of T."""
 
-    def __init__(self, plant: GainPlant, gains: Gains, frames: Frames, caps: Mapping[str, float]) -> None:
+    def __init__(self, plant: GainPlant, point: Point, caps: Mapping[str, float]) -> None:
         import clarabel
 
-        self.plant, self.gains, self.frames = plant, gains, frames
-        self.n, self.m = len(frames.entry[0]), len(plant.locations)
+        self.plant, self.gains, self.frames = plant, point.gains, point.frames
+        self.n, self.m = len(point.frames.entry[0]), len(plant.locations)
         self.packed = self.n * (self.n + 1) // 2
         self.pack = unpacking(self.n).T
         self.columns, self.place = 2 * self.m * self.packed, dict[str, int]()
         for name in caps:
             self.place[name] = self.columns
-            self.columns += gains[name].size
+            self.columns += point.gains[name].size
         self.columns += 1
         trace = np.zeros((1, self.columns))
         trace[0, : self.m * self.packed] = np.tile(self.pack @ np.eye(self.n).ravel(), self.m)
@@ -118,8 +143,9 @@ class _Rows:
         start, shape = self.place[name], self.gains[name].shape
         return np.asarray(values[start : start + self.gains[name].size].reshape(shape))
 
-    def add_location(self, i: int, name: str, stay: float, *, shortens: bool) -> None:
+    def add_location(self, i: int, stay: float, *, shortens: bool) -> None:
         """P_i > 0, the flow of Q_i, and Q_i at the end of a stay below P_i."""
+        name = self.plant.locations[i]
         U, V_inverse = self.frames.end[i], np.linalg.inv(self.frames.entry[i])
         U_inverse = np.linalg.inv(U)
         F = self.plant.A[name] - self.gains[name] @ self.plant.C[name]
@@ -186,7 +212,9 @@ class _Rows:
             made.append(D)
         return made
 
-    def _ends(self, F: FloatArray, turns: list[FloatArray], stay: float) -> tuple[FloatArray, list[FloatArray], FloatArray]:
+    def _ends(
+        self, F: FloatArray, turns: list[FloatArray], stay: float
+    ) -> tuple[FloatArray, list[FloatArray], FloatArray]:
         """e^{F T} or M^k, its derivatives in the directions, and its derivative in the stay (1/s)."""
         from scipy.linalg import expm
 
@@ -233,4 +261,4 @@ def _twice(matrix: FloatArray) -> FloatArray:
     return np.asarray(matrix + matrix.T)
 
 
-__all__ = ["GainPlant", "Gains", "Proposal", "proposed"]
+__all__ = ["GainPlant", "Gains", "Point", "Proposal", "proposed"]

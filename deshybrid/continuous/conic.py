@@ -110,6 +110,7 @@ def require_solver() -> None:
 
 
 def settings(packed: int) -> "clarabel.DefaultSettings":
+    """Return how the solver is run, for unknowns of `packed` numbers: silently, and always the same."""
     import clarabel
 
     settings = clarabel.DefaultSettings()
@@ -163,4 +164,15 @@ def unpacking(size: int) -> FloatArray:
     return matrix
 
 
-__all__ = ["Solution", "Term", "congruence", "drift", "has_solver", "identity", "require_solver", "solve"]
+__all__ = [
+    "Solution",
+    "Term",
+    "congruence",
+    "drift",
+    "has_solver",
+    "identity",
+    "require_solver",
+    "settings",
+    "solve",
+    "unpacking",
+]

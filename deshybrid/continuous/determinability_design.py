@@ -19,7 +19,8 @@ from deshybrid.continuous.determinability_gains import (
     stated_coordinates,
 )
 from deshybrid.continuous.error import ErrorReset, dynamics_of, error_dynamics, error_resets, sampled_error_dynamics
-from deshybrid.continuous.gains import Method, ObserverGains, design_gains
+from deshybrid.continuous.gains import Method, ObserverGains
+from deshybrid.continuous.methods import gains_by_method
 from deshybrid.diagnostics import Diagnostic, diagnostic
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.system import HybridSystem
@@ -99,7 +100,7 @@ def theorem_4(
 def gains_alone_or_together(
     system: HybridSystem, locations: tuple[str, ...], *, rate: float | None, dwell: float | None, method: Method
 ) -> tuple[ObserverGains, Stays]:
-    """Return the gains, and the stays that the model states: those of `design_gains` where each location can do alone.
+    """Return the gains, and the stays that the model states: by the method where each location can do alone.
 
     Where one cannot and all longest stays are stated, those of `determinable_gains`.  Raises what these two raise.
 
@@ -111,7 +112,7 @@ def gains_alone_or_together(
     stays = sojourn_box(system, locations, dwell)
     if stays is not None and relies_on_others(system, locations):
         return determinable_gains(system, locations, stays, rate=rate), stays
-    return design_gains(system, locations, rate=rate, dwell=dwell, method=method), stays
+    return gains_by_method(system, locations, rate=rate, dwell=dwell, method=method), stays
 
 
 def determined(

@@ -130,8 +130,8 @@ class FormProblem:
     def _accept(self, unknowns: Sequence[FloatArray]) -> Forms:
         """Take the new frames, and the forms in the monomials of the states."""
         count = len(self.dynamics.locations)
-        entry = tuple(_root(X) @ frame for X, frame in zip(unknowns[:count], self.inner.entry, strict=True))
-        end = tuple(_root(X) @ frame for X, frame in zip(unknowns[count:], self.inner.end, strict=True))
+        entry = tuple(root(X) @ frame for X, frame in zip(unknowns[:count], self.inner.entry, strict=True))
+        end = tuple(root(X) @ frame for X, frame in zip(unknowns[count:], self.inner.end, strict=True))
         self.inner = Frames(entry, end)
         return Forms(self.degree, self._forms(self.base.entry, entry), self._forms(self.base.end, end))
 
@@ -146,16 +146,17 @@ class FormProblem:
 
 def lyapunov_frames(dynamics: ErrorDynamics) -> Frames:
     """Return frames in which each flow alone decreases: roots of the solution of Lyapunov's (Stein's) equation."""
-    from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
+    from scipy.linalg import matrix_balance, solve_continuous_lyapunov, solve_discrete_lyapunov
 
     frames = []
     for F in dynamics.matrices.values():
+        balanced, (sizes, _) = matrix_balance(F, permute=False, separate=True)
         one = np.eye(len(F))
         if dynamics.step is None:
-            X = solve_continuous_lyapunov(F.T, -one * np.linalg.norm(F, 2))
+            X = solve_continuous_lyapunov(balanced.T, -one * np.linalg.norm(balanced, 2))
         else:
-            X = solve_discrete_lyapunov(F.T, one)
-        frames.append(_root((X + X.T) / 2))
+            X = solve_discrete_lyapunov(balanced.T, one)
+        frames.append(root((X + X.T) / 2 / sizes / sizes[:, None]))
     return Frames(tuple(frames), tuple(frames))
 
 
@@ -163,12 +164,12 @@ def _conjugated(left: FloatArray, matrix: FloatArray, right: FloatArray) -> Floa
     return np.asarray(np.linalg.solve(right.T, (left @ matrix).T).T)
 
 
-def _root(X: FloatArray) -> FloatArray:
-    """S with Sᵀ S = X, X made positive definite where it is not quite; eigenvectors in units of its diagonal."""
+def root(X: FloatArray) -> FloatArray:
+    """Return S with Sᵀ S = X, X made positive definite where it is not quite; eigenvectors in units of its diagonal."""
     sizes = np.sqrt(np.maximum(np.diag(X), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(X / sizes / sizes[:, None])
     values = np.maximum(values, values.max() * FLATTEST)
     return np.asarray((vectors * np.sqrt(values)).T * sizes)
 
 
-__all__ = ["FormProblem", "Forms", "Frames", "lyapunov_frames"]
+__all__ = ["FormProblem", "Forms", "Frames", "lyapunov_frames", "root"]

@@ -35,6 +35,7 @@ from deshybrid.continuous.checks import (
     unplaced_warning,
 )
 from deshybrid.continuous.error import dynamics_of, error_dynamics, error_resets, state_scale
+from deshybrid.continuous.lqe import filter_gains, location_noise
 from deshybrid.continuous.modes import condition
 from deshybrid.continuous.placement import output_rank, place_detectable, place_gain, placeable, spread_poles
 from deshybrid.continuous.scale import best_scale
@@ -44,8 +45,9 @@ from deshybrid.linear.arrays import ComplexArray, FloatArray, frozen_array
 from deshybrid.linear.observability import KalmanSplit, kalman_split, sorted_spectrum
 from deshybrid.model.system import HybridSystem
 
-Method: TypeAlias = Literal["place"]
-GainSource: TypeAlias = Literal["model gains", "model poles", "search"]
+Method: TypeAlias = Literal["place", "lqe", "lmi"]
+"""Placed poles, filters, or gains and forms together; see `deshybrid.continuous.methods`."""
+GainSource: TypeAlias = Literal["model gains", "model poles", "search", "lqe", "lmi"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,9 +84,11 @@ def design_gains(
     rate: float | None = None,
     dwell: float | None = None,
     delay: float = 0.0,
-    method: Method = "place",
+    method: Literal["place", "lqe"] = "place",
 ) -> ObserverGains:
     """Return one gain per location of `locations` (the persistent ones), aiming at (20) for the time D - delay.
+
+    The search goes over placed poles ("place") or over filters ("lqe", `deshybrid.continuous.lqe`).
 
     Raises
     ------
@@ -119,12 +123,12 @@ def design_gains(
     splits = {name: _split(system, name) for name in locations}
     raise_all([p for name in locations for p in gain_problems(system, name, splits[name])], GainError)
     plan = _plan(system, splits, rate=rate, dwell=dwell, delay=delay)
-    found = {name: _gain(plan, name) for name in locations}
-    if any(source == "search" for _, source, _ in found.values()):
+    found = {name: _gain(plan, name, method) for name in locations}
+    if any(source in ("search", "lqe") for _, source, _ in found.values()):
         # The first gains show which norm suits the closed loops; searching again in it finds smaller gains.
         loops = error_dynamics(system, {name: gain for name, (gain, _, _) in found.items()})
         plan = replace(plan, scale=best_scale(loops, plan.scale, plan.certified))
-        found = {name: _gain(plan, name) for name in locations}
+        found = {name: _gain(plan, name, method) for name in locations}
     made = analysed(plan, found, method)
     raise_all(loop_problems(system, made.closed_loop, made.eigenvalues), GainError)
     return made
@@ -205,13 +209,13 @@ def _task(plan: GainPlan, name: str) -> GainTask:
 FoundGain: TypeAlias = tuple[FloatArray, GainSource, tuple[Diagnostic, ...]]
 
 
-def _gain(plan: GainPlan, name: str) -> FoundGain:
+def _gain(plan: GainPlan, name: str, method: Literal["place", "lqe"]) -> FoundGain:
     system, task = plan.system, _task(plan, name)
     warning = cap_warning(system, name, task.split, task.rate)
     if name in system.observer.gains:
         return system.observer.gains[name], "model gains", warning
     if name not in system.observer.poles:
-        return default_gain(task), "search", warning
+        return (*_searched(plan, name, task, method), warning)
     poles, fixed = np.array(system.observer.poles[name], dtype=np.complex128), sorted_spectrum(task.split.A_u)
     if len(poles) > task.split.observable_dimension:
         poles = placeable(poles, to_plane_s(fixed, task.step))
@@ -222,6 +226,15 @@ def _gain(plan: GainPlan, name: str) -> FoundGain:
     if task.split.observable_dimension == len(task.A):
         return place_gain(task.A, task.C, poles, scale=task.scale), "model poles", warning
     return place_detectable(task.split, poles, task.scale), "model poles", warning
+
+
+def _searched(
+    plan: GainPlan, name: str, task: GainTask, method: Literal["place", "lqe"]
+) -> tuple[FloatArray, GainSource]:
+    if method == "place":
+        return default_gain(task), "search"
+    noise = location_noise(plan.system, name, state_scale(plan.system, tuple(plan.splits)), plan.requested)
+    return default_gain(task, lambda wanted, speed: filter_gains(wanted, noise, speed)), "lqe"
 
 
 def analysed(plan: GainPlan, found: Mapping[str, FoundGain], method: Method) -> ObserverGains:
@@ -251,6 +264,25 @@ def analysed(plan: GainPlan, found: Mapping[str, FoundGain], method: Method) -> 
     )
 
 
+def with_gains(
+    system: HybridSystem,
+    made: ObserverGains,
+    gains: Mapping[str, FloatArray],
+    sources: Mapping[str, GainSource],
+    *,
+    method: Method,
+) -> ObserverGains:
+    """Return a design with other gains, of which those in `sources` come from there; all else stays."""
+    splits = {name: _split(system, name) for name in made.locations}
+    plan = GainPlan(system, splits, made.scale, made.requested_rate, made.rate, made.dwell, 0.0)
+    found: dict[str, FoundGain] = {
+        name: (gains[name], sources.get(name, made.sources[name]), ()) for name in made.locations
+    }
+    other = analysed(plan, found, method)
+    told = tuple(warning for warning in made.warnings if warning.code != "DH0510")
+    return replace(other, warnings=(*told, *other.warnings))
+
+
 def _eigen(F: FloatArray, scale: FloatArray) -> tuple[ComplexArray, ComplexArray, float]:
     """Eigenvalues in the order of `sorted_spectrum`, unit eigenvectors in the scaled norm, and their κ."""
     values, vectors = np.linalg.eig(F * scale / scale[:, None])
@@ -270,4 +302,5 @@ __all__ = [
     "design_gains",
     "place_gain",
     "stated_dwell",
+    "with_gains",
 ]

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from deshybrid.continuous.error import ErrorDynamics
+from deshybrid.continuous.forms import root
 from deshybrid.linear.arrays import FloatArray
 
 STARTS, STEPS, GRID = 40, 36, 40
@@ -126,7 +127,7 @@ class CycleSearch:
     ) -> Iterator[tuple[list[tuple[int, float]], str]]:
         """Greedy runs: the (reset, stay) of each step, and the location entered last."""
         rng = np.random.default_rng(SEED)
-        roots = {name: np.linalg.cholesky(form).T for name, form in P.items()}
+        roots = {name: root(form) for name, form in P.items()}
         stays = {name: self._stays(name, shortest[name]) for name in P}
         flows = {name: self.flows(name, stays[name]) for name in P}
         choices: dict[str, list[tuple[int, str, FloatArray]]] = {name: [] for name in P}
