@@ -5,7 +5,7 @@ from pathlib import Path
 _VALUES = "unit/test_des_values.py"
 _QUICK = (_VALUES, "unit/test_des_cases.py", "unit/test_des_figures.py")
 _OBSERVABILITY = (*_QUICK, "property/test_des_definitions.py", "property/test_des_engines.py")
-_RECOVERY = (*_QUICK, "property/test_des_recovery.py")
+_RECOVERY = (*_QUICK, "property/test_verify_plans.py", "property/test_des_recovery.py")
 _OPERATIONS = (_VALUES, "unit/test_toolkit_operations.py", "unit/test_toolkit_python.py")
 _LANGUAGES = (*_OPERATIONS, "property/test_toolkit_languages.py")
 _CASES = (_VALUES, "unit/test_toolkit_verdicts.py", "unit/test_toolkit_on_the_fly.py")
@@ -16,17 +16,21 @@ _GRAPHS = (_VALUES, "property/test_des_graphs.py")
 _ALL = (*_QUICK, *_LANGUAGES, *_VERDICTS, *_OBSERVABILITY)
 
 TESTS = {
-    "automaton": _ALL,
+    "automaton": (*_OPERATIONS, *_QUICK, *_CASES, "property/test_des_messages.py"),
     "bitsets": (*_LANGUAGES, *_DETECTABILITY),
     "candidates": _RECOVERY,
+    "composed": (*_QUICK, "unit/test_toolkit_on_the_fly.py", "property/test_toolkit_composed.py"),
     "composition": (*_LANGUAGES, *_SECRETS),
+    "confusions": _RECOVERY,
     "cycles": (*_GRAPHS, *_QUICK),
     "detectability": _DETECTABILITY,
     "faults": _SECRETS,
     "epsilon": (*_QUICK, "property/test_des_definitions.py"),
     "estimates": (*_LANGUAGES, *_DETECTABILITY),
+    "hitting": _RECOVERY,
     "languages": _LANGUAGES,
     "lassos": (*_GRAPHS, *_VERDICTS),
+    "minimum": _RECOVERY,
     "moves": _OBSERVABILITY,
     "observability": _OBSERVABILITY,
     "observer": _OBSERVABILITY,
@@ -34,11 +38,13 @@ TESTS = {
     "operations": _LANGUAGES,
     "pairs": _OBSERVABILITY,
     "persistence": (*_QUICK, "property/test_des_definitions.py"),
+    "plan": _RECOVERY,
     "program": _RECOVERY,
     "replay": (*_QUICK, "property/test_des_witnesses.py"),
     "report": (*_QUICK, "property/test_des_definitions.py"),
     "runs": (*_LANGUAGES, *_VERDICTS),
     "search": (*_GRAPHS, *_OPERATIONS, *_CASES),
+    "separation": _RECOVERY,
     "signatures": _RECOVERY,
     "subsets": _OBSERVABILITY,
     "twins": _VERDICTS,
