@@ -3,7 +3,7 @@
 from pathlib import Path
 
 _VALUES = "unit/test_des_values.py"
-_QUICK = (_VALUES, "unit/test_des_cases.py", "unit/test_des_figures.py")
+_QUICK = (_VALUES, "unit/test_des_texts.py", "unit/test_des_cases.py", "unit/test_des_figures.py")
 _OBSERVABILITY = (*_QUICK, "property/test_des_definitions.py", "property/test_des_engines.py")
 _RECOVERY = (*_QUICK, "property/test_verify_plans.py", "property/test_des_recovery.py")
 _OPERATIONS = (_VALUES, "unit/test_toolkit_operations.py", "unit/test_toolkit_python.py")
@@ -17,6 +17,7 @@ _ALL = (*_QUICK, *_LANGUAGES, *_VERDICTS, *_OBSERVABILITY)
 
 TESTS = {
     "automaton": (*_OPERATIONS, *_QUICK, *_CASES, "property/test_des_messages.py"),
+    "batches": (*_QUICK, "property/test_des_batches.py", "property/test_des_definitions.py"),
     "bitsets": (*_LANGUAGES, *_DETECTABILITY),
     "candidates": _RECOVERY,
     "composed": (*_QUICK, "unit/test_toolkit_on_the_fly.py", "property/test_toolkit_composed.py"),
@@ -38,10 +39,10 @@ TESTS = {
     "operations": _LANGUAGES,
     "pairs": _OBSERVABILITY,
     "persistence": (*_QUICK, "property/test_des_definitions.py"),
-    "plan": _RECOVERY,
+    "plan": (*_QUICK, "property/test_verify_plans.py"),
     "program": _RECOVERY,
     "replay": (*_QUICK, "property/test_des_witnesses.py"),
-    "report": (*_QUICK, "property/test_des_definitions.py"),
+    "report": (*_QUICK, "property/test_des_messages.py"),
     "runs": (*_LANGUAGES, *_VERDICTS),
     "search": (*_GRAPHS, *_OPERATIONS, *_CASES),
     "separation": _RECOVERY,
