@@ -5,7 +5,12 @@ from pathlib import Path
 _VALUES = "unit/test_des_values.py"
 _QUICK = (_VALUES, "unit/test_des_texts.py", "unit/test_des_cases.py", "unit/test_des_figures.py")
 _OBSERVABILITY = (*_QUICK, "property/test_des_definitions.py", "property/test_des_engines.py")
-_RECOVERY = (*_QUICK, "property/test_verify_plans.py", "property/test_des_recovery.py")
+_RECOVERY = (
+    *_QUICK,
+    "unit/test_des_recovery_cases.py",
+    "property/test_verify_plans.py",
+    "property/test_des_recovery.py",
+)
 _OPERATIONS = (_VALUES, "unit/test_toolkit_operations.py", "unit/test_toolkit_python.py")
 _LANGUAGES = (*_OPERATIONS, "property/test_toolkit_languages.py")
 _CASES = (_VALUES, "unit/test_toolkit_verdicts.py", "unit/test_toolkit_on_the_fly.py")
@@ -39,7 +44,7 @@ TESTS = {
     "operations": _LANGUAGES,
     "pairs": _OBSERVABILITY,
     "persistence": (*_QUICK, "property/test_des_definitions.py"),
-    "plan": (*_QUICK, "property/test_verify_plans.py"),
+    "plan": (*_QUICK, "unit/test_des_recovery_cases.py", "property/test_verify_plans.py"),
     "program": _RECOVERY,
     "replay": (*_QUICK, "property/test_des_witnesses.py"),
     "report": (*_QUICK, "property/test_des_messages.py"),

@@ -172,6 +172,13 @@ def test_an_observer_of_two_to_the_200_states_is_not_needed() -> None:
     assert clear.transient_bound == 61
 
 
+def test_the_automatic_choice_builds_fewer_states_the_more_locations_there_are() -> None:
+    for locations, states, most in ((1, 2_000, 100_000), (3_000, 2_000, 100_000), (6_000, 1_001, 100_000), (1, 5, 5)):
+        alone = DES(tuple(str(number) for number in range(locations)), ())
+        report = check_observability(alone, max_states=most)
+        assert report.method_reason == f"the automatic choice up to {states}"
+
+
 def test_a_no_about_thousands_of_locations_that_look_alike_comes_at_once() -> None:
     """The pair automaton would have four and a half million pairs."""
     before = time.process_time()

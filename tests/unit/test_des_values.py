@@ -24,6 +24,10 @@ VALUES = sorted(
     key=lambda value: value.__qualname__,
 )
 LIMITS = {
+    "all_minimum_sets": {"max_states": 100_000},
+    "build_location_observer": {"max_states": 100_000},
+    "check_composition": {"max_pairs": 200_000, "max_memory": None},
+    "check_observability": {"max_states": 100_000, "max_memory": None},
     "current_state_opacity": {"max_states": 100_000},
     "determinise": {"max_states": 100_000},
     "diagnosability": {"max_pairs": 2_000_000},
@@ -33,6 +37,7 @@ LIMITS = {
     "parallel": {"max_states": 100_000},
     "predictability": {"max_pairs": 2_000_000},
     "product": {"max_states": 100_000},
+    "recover_observability": {"max_states": 100_000, "max_rounds": 10_000},
     "strong_detectability": {"max_pairs": 2_000_000},
     "strong_periodic_detectability": {"max_pairs": 2_000_000},
     "weak_detectability": {"max_states": 100_000},
