@@ -56,6 +56,16 @@ def test_a_graph_of_someone_else_needs_events_and_outputs_only() -> None:
     assert DES.from_networkx(graph).initial == ("1", "2")
 
 
+def test_edges_are_ordered_by_their_number_only_where_all_have_one() -> None:
+    graph = nx.DiGraph()
+    graph.add_edge(1, 2, event="a", outputs="α", number=7)
+    graph.add_edge(2, 1, event="b", outputs="β")
+    graph.add_edge(2, 3, event="c", outputs="γ", number=3)
+    assert [transition.event for transition in DES.from_networkx(graph)] == ["a", "b", "c"]
+    graph.edges[2, 1]["number"] = 5
+    assert [transition.event for transition in DES.from_networkx(graph)] == ["c", "b", "a"]
+
+
 def test_a_graph_that_does_not_say_enough_is_refused_with_each_edge() -> None:
     graph = nx.Graph()
     graph.add_edge("1", "2", event="a")
