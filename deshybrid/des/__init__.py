@@ -36,7 +36,7 @@ _MODULES = {  # of each module all that it calls its own
     "languages": "DeterministicAutomaton LanguageReport determinise equivalent included minimise",
     "observability": "C2Failure Method ObservabilityReport Step Undecided UndecidedCheck Witness "
     "check_observability verdict_diagnostics",
-    "observer": "LocationObserver build_location_observer entry_estimates",
+    "observer": "LocationObserver build_location_observer entry_estimate_after entry_estimates",
     "opacity": "OpacityReport current_state_opacity initial_state_opacity",
     "operations": "accessible coaccessible hide project reverse trim",
     "persistence": "blocked_locations location_graph persistent_locations require_living",

@@ -113,7 +113,7 @@ def build_location_observer(
     (('1', '2', '3'), ('2',), ('1', '3'))
     """
     des = automaton.des
-    more = [_numbers(des, _known(des, start)) for start in starts]
+    more = [_numbers(des, _known(des, start, "starts")) for start in starts]
     graph = _first_graph(automaton, _numbers(des, des.initial), closed, max_states)
     rooted = len(graph)
     if more:
@@ -177,15 +177,36 @@ def entry_estimates(automaton: OutputAutomaton, outputs: Iterable[Output | str])
     (('1', '2'), ('2',), ('1',), ())
     """
     des, moves = automaton.des, automaton.subsets
-    by_text = {str(output): output for output in automaton.outputs}
-    nothing = moves.subset(())
-    subset = moves.subset(_numbers(des, des.initial))
-    subsets = [subset]
+    subsets = [moves.subset(_numbers(des, des.initial))]
     for output in outputs:
-        seen = by_text.get(str(output))
-        subset = nothing if seen is None else dict(moves.successors(subset)).get(seen, nothing)
-        subsets.append(subset)
+        subsets.append(_after(moves, subsets[-1], output))
     return tuple(_names(moves, des, subset) for subset in subsets)
+
+
+def entry_estimate_after(automaton: OutputAutomaton, estimate: Iterable[str], output: Output | str) -> tuple[str, ...]:
+    """Return the entry estimate after one more output: the observer on line, for systems that no D_O fits.
+
+    `estimate` is the one before, at first the initial set; the result is empty where no location explains the output.
+    Nothing of D_O is built: a step costs the moves of the locations in the estimate.  Raises `UsageError` (DH0404) on
+    an unknown location.
+
+    >>> from deshybrid.des.epsilon import eliminate_epsilon
+    >>> automaton = eliminate_epsilon(DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", "β")]))
+    >>> estimate = automaton.des.initial
+    >>> for output in "αβ":
+    ...     estimate = entry_estimate_after(automaton, estimate, output)
+    ...     print(estimate)
+    ('2',)
+    ('1',)
+    """
+    des, moves = automaton.des, automaton.subsets
+    before = moves.subset(_numbers(des, _known(des, tuple(estimate), "estimate")))
+    return _names(moves, des, _after(moves, before, output))
+
+
+def _after(moves: SubsetMoves[Subset], subset: Subset, output: Output | str) -> Subset:
+    text = str(output)
+    return next((after for seen, after in moves.successors(subset) if str(seen) == text), moves.subset(()))
 
 
 def _numbers(des: DES, names: Iterable[str]) -> list[int]:
@@ -197,11 +218,12 @@ def _names(moves: SubsetMoves[Subset], des: DES, subset: Subset) -> tuple[str, .
     return tuple(des.locations[number] for number in moves.members(subset))
 
 
-def _known(des: DES, start: tuple[str, ...]) -> set[str]:
-    unknown = [name for name in start if name not in des.locations]
+def _known(des: DES, names: tuple[str, ...], what: str) -> set[str]:
+    unknown = set(names).difference(des.locations)
     if unknown:
-        raise UsageError(*(diagnostic("DH0404", f"unknown location `{name}` in `starts`") for name in unknown))
-    return set(start)
+        listed = (name for name in names if name in unknown)
+        raise UsageError(*(diagnostic("DH0404", f"unknown location `{name}` in `{what}`") for name in listed))
+    return set(names)
 
 
-__all__ = ["LocationObserver", "build_location_observer", "entry_estimates"]
+__all__ = ["LocationObserver", "build_location_observer", "entry_estimate_after", "entry_estimates"]
