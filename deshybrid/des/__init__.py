@@ -40,7 +40,7 @@ _MODULES = {  # of each module all that it calls its own
     "opacity": "OpacityReport current_state_opacity initial_state_opacity",
     "operations": "accessible coaccessible hide project reverse trim",
     "persistence": "blocked_locations location_graph persistent_locations require_living",
-    "signatures": "Candidate Signature SignaturePlan recover_observability",
+    "signatures": "Candidate Constraint Signature SignaturePlan recover_observability signatures_of",
 }
 _HOMES = {name: module for module, names in _MODULES.items() for name in names.split()}
 __all__ = sorted(_HOMES)  # noqa: PLE0605
