@@ -4,6 +4,7 @@ In: a `Compilation` and the user's wishes.  Out: the bytes of every file by its 
 a failure leaves no half of a folder.  Where no observer exists, there is only the report with its drawings.
 """
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -238,3 +239,12 @@ def _manifest(made: Compilation, wishes: Wishes, origin: Provenance, names: tupl
         "options": _options(made, wishes),
         "files": list(names),
     }
+
+
+def listing(folder: Path, files: Iterable[str]) -> str:
+    """Return a line for each file that was written into a folder.
+
+    >>> listing(Path("build"), ["des.svg"])
+    '  wrote build/des.svg\\n'
+    """
+    return "".join(f"  wrote {folder / name}\n" for name in files)

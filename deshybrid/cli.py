@@ -6,13 +6,12 @@ limit was reached.  Never a traceback on input.  A command imports what it needs
 
 import sys
 from collections.abc import Iterable
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
-from deshybrid.console import open_missing_streams, working
+from deshybrid.console import open_missing_streams, tell_beside, working
 from deshybrid.diagnostics import (
     DeshybridError,
     Diagnostic,
@@ -31,6 +30,7 @@ from deshybrid.options import (
     DrawWhat,
     DwellTime,
     Every,
+    FilterMethod,
     GainMethod,
     MaxMemory,
     MaxStates,
@@ -41,7 +41,9 @@ from deshybrid.options import (
     ReadAs,
     Step,
     TableStates,
+    Target,
     Timeout,
+    TraceFile,
 )
 
 if TYPE_CHECKING:
@@ -49,13 +51,6 @@ if TYPE_CHECKING:
     from deshybrid.model.system import HybridSystem
 
 YES, NO, WRONG, LIMIT = 0, 1, 2, 3
-
-
-class Target(StrEnum):
-    """A language that observers are generated in."""
-
-    C = "c"
-    PYTHON = "python"
 
 
 app = typer.Typer(
@@ -240,19 +235,15 @@ def compile_model(
         made = compiler.compile(_read(model, read_as), rate=rate, dwell=dwell, step=step, max_states=max_states)
         files = bundle.files(made, wishes)
     write_tree(folder, files)
-    _write(None, to_json(bundle.record(made, wishes)) if as_json else f"{made}\n{_listing(folder, files)}")
+    _write(None, to_json(bundle.record(made, wishes)) if as_json else f"{made}\n{bundle.listing(folder, files)}")
     _say(made.diagnostics)
     _finish(made.certified)
-
-
-def _listing(folder: Path, files: Iterable[str]) -> str:
-    return "".join(f"  wrote {folder / name}\n" for name in files)
 
 
 @app.command()
 def run(
     model: Model,
-    trace: Annotated[str, typer.Option(help="a trace as CSV, or - for standard input")],
+    trace: TraceFile,
     rate: Rate = None,
     dwell: DwellTime = None,
     step: Step = None,
@@ -278,8 +269,21 @@ def run(
     _write(output, write_estimates(estimates))
     if samples.true_location is not None:
         result = score(samples, estimates)
-        text = to_json(result.record()) if as_json else f"{result}\n"
-        (sys.stderr if output is None or str(output) == "-" else sys.stdout).write(text)
+        tell_beside(output, to_json(result.record()) if as_json else f"{result}\n")
+
+
+@app.command()
+def estimate(
+    model: Model, trace: TraceFile, method: FilterMethod = "imm", as_json: AsJson = False, output: Output = None
+) -> None:
+    """Estimate location and state of a stochastic model on a trace; log-likelihood and score at the end."""
+    from deshybrid import estimation
+    from deshybrid.emit.records import to_json
+
+    with working("estimating"):
+        made = estimation.estimate_trace(model, trace, method=method)
+    _write(output, made.csv())
+    tell_beside(output, to_json(made.record()) if as_json else f"{made}\n")
 
 
 @app.command()

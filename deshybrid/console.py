@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
@@ -105,6 +106,15 @@ def size_in_bytes(text: str) -> int:
         raise typer.BadParameter(f"`{text}` is no size: write 4GiB, 512M or 1.5GB")
     number, prefix, unit = found.groups()
     return int(float(number) * (1000 if unit == "B" else 1024) ** ("KMGT".index(prefix) + 1 if prefix else 0))
+
+
+def tell_beside(output: Path | None, text: str) -> None:
+    """Write a command's second text to standard output where its result goes to a file, else to standard error.
+
+    >>> tell_beside(Path("estimates.csv"), "log-likelihood: -3.5\\n")
+    log-likelihood: -3.5
+    """
+    (sys.stderr if output is None or str(output) == "-" else sys.stdout).write(text)
 
 
 def _spin(on: str, done: threading.Event) -> None:

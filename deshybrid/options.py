@@ -3,12 +3,21 @@
 In: nothing.  Out: annotated types for the functions of `cli`.
 """
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from deshybrid.console import size_in_bytes
+
+
+class Target(StrEnum):
+    """A language that observers are generated in."""
+
+    C = "c"
+    PYTHON = "python"
+
 
 Model = Annotated[
     str, typer.Argument(metavar="MODEL", help="a model, another tool's automaton, or - for standard input")
@@ -40,6 +49,10 @@ CheckMethod = Literal["auto", "observer", "pairs"]
 GainMethod = Literal["place", "lqe", "lmi"]
 DrawFormat = Literal["svg", "png", "pdf", "dot", "mmd", "graphml"]
 DrawWhat = Literal["des", "dprime", "observer", "complementary", "complementary-observer"]
+TraceFile = Annotated[str, typer.Option("--trace", help="a trace as CSV, or - for standard input")]
+FilterMethod = Annotated[
+    Literal["mmae", "imm", "skf"], typer.Option("--method", help="the filter; `skf` knows the location")
+]
 Every = Annotated[bool, typer.Option("--all", help="list all cheapest sets")]
 Most = Annotated[int, typer.Option(min=1, help="list at most so many sets, with exit code 3 beyond")]
 
@@ -50,6 +63,7 @@ __all__ = [
     "DrawWhat",
     "DwellTime",
     "Every",
+    "FilterMethod",
     "GainMethod",
     "MaxMemory",
     "MaxStates",
@@ -60,5 +74,7 @@ __all__ = [
     "ReadAs",
     "Step",
     "TableStates",
+    "Target",
     "Timeout",
+    "TraceFile",
 ]

@@ -29,6 +29,7 @@ from deshybrid.model.system import (
     Location,
     ObserverOptions,
 )
+from deshybrid.stochastic.system import Mode, ModeTransition, StochasticSystem
 
 # ---- discrete-event systems -------------------------------------------------------------------------------------
 
@@ -364,3 +365,34 @@ def written_cycles(draw: st.DrawFn) -> list[tuple[np.ndarray, np.ndarray, np.nda
         C = (seen * rng.integers(1, 4, n) / 3)[None]
         cycle.append((A, C, np.eye(n)[rng.permutation(n)] * rng.integers(0, 3, n) / 7))
     return cycle
+
+
+# ---- stochastic systems -----------------------------------------------------------------------------------------
+
+
+def random_stochastic_system(rng: np.random.Generator, *, plain: bool = False) -> StochasticSystem:
+    """Two to four modes that measure the same outputs, an asymmetric chain; `plain`: no inputs and no offsets."""
+    count, n, p = (int(rng.integers(low, high)) for low, high in ((2, 5), (1, 5), (1, 4)))
+    m = 0 if plain else int(rng.integers(0, 3))
+    scale = 0.0 if plain else 1.0
+    names = tuple(f"m{number}" for number in range(count))
+    modes = []
+    for name in names:
+        F, H, root, noise = (rng.standard_normal(shape) for shape in ((n, n), (p, n), (n, n), (p, p)))
+        modes.append(
+            Mode(
+                name,
+                F=F / max(1.0, np.abs(np.linalg.eigvals(F)).max()),
+                H=H,
+                Q=root @ root.T + 0.01 * np.eye(n),
+                R=noise @ noise.T + 0.1 * np.eye(p),
+                B=rng.standard_normal((n, m)),
+                D=rng.standard_normal((p, m)),
+                f=scale * rng.standard_normal(n),
+                g=scale * rng.standard_normal(p),
+            )
+        )
+    chain = ModeTransition.from_rows(names, rng.dirichlet(np.ones(count), size=count))
+    root = rng.standard_normal((n, n))
+    prior = {"x": rng.standard_normal(n), "P": root @ root.T + 0.1 * np.eye(n), "mu": rng.dirichlet(np.ones(count))}
+    return StochasticSystem(modes, chain, x=prior["x"], P=prior["P"], mu=prior["mu"])

@@ -89,4 +89,29 @@ def sample_gain(dynamics: LinearDynamics, gain: FloatArray, step: float) -> Floa
     return frozen_array(integral, gain.shape)
 
 
-__all__ = ["flow_and_integral", "sample_dynamics", "sample_gain"]
+def sample_covariance(A: FloatArray, intensity: FloatArray, step: float) -> FloatArray:
+    """Return the integral of e^{A s} W e^{Aᵀ s} ds over [0, h]: what white noise of intensity W adds in a step.
+
+    Van Loan's exponential holds e^{-A h}, which overflows for fast decaying modes; so it is taken over a short part of
+    the step, and the part is doubled: Q(2h) = Q(h) + e^{A h} Q(h) e^{Aᵀ h}.  Raises `UsageError` (DH0514) as
+    `flow_and_integral`.
+
+    >>> sample_covariance(np.zeros((1, 1)), np.ones((1, 1)), 0.5).tolist()
+    [[0.5]]
+    """
+    from scipy.linalg import expm
+
+    n = A.shape[0]
+    flow_and_integral(A, np.zeros((n, 0)), step)  # refuses a step that is too long
+    doublings = max(0, int(np.ceil(np.log2(max(1.0, float(np.abs(A).sum(axis=1).max(initial=0.0)) * step)))))
+    block = np.block([[-A, intensity], [np.zeros((n, n)), A.T]])
+    whole = expm(block * (step / 2.0**doublings))
+    flow = whole[n:, n:].T
+    covariance = flow @ whole[:n, n:]
+    for _ in range(doublings):
+        covariance = covariance + flow @ covariance @ flow.T
+        flow = flow @ flow
+    return frozen_array(0.5 * (covariance + covariance.T), (n, n))
+
+
+__all__ = ["flow_and_integral", "sample_covariance", "sample_dynamics", "sample_gain"]

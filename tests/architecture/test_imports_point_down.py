@@ -23,6 +23,7 @@ LEVEL = {
     "verify": 5,
     "compiler": 6,
     "bundle": 7,
+    "estimation": 7,
     "plans": 7,
     "options": 8,
     "console": 7,

@@ -1,0 +1,181 @@
+"""The command `estimate`: a stochastic model and a trace in, the filter's estimates and their score out.
+
+The columns `true_location` and `true_<state>` of a trace are read for the score only; `skf` alone, whose mode is known
+by definition, takes it from `true_location`.  A model in continuous time is sampled at its `observer: step`, else at
+the mean distance of the trace's rows, which must then be equally spaced.
+
+One step a row.  Source: Hwang et al. (2006), section 3.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from deshybrid.compiler import Source, to_hybrid
+from deshybrid.diagnostics import TraceError, diagnostic
+from deshybrid.model.system import HybridSystem
+from deshybrid.simulate.table import decode, read_bytes
+from deshybrid.simulate.trace import Trace, parse_trace, quoted, shortest
+from deshybrid.stochastic.from_model import stochastic_system
+from deshybrid.stochastic.record import Estimates, estimate, estimate_known
+from deshybrid.stochastic.score import Consistency, Switch, nees, switches
+from deshybrid.stochastic.system import StochasticSystem
+
+EstimateMethod: TypeAlias = Literal["mmae", "imm", "skf"]
+
+
+@dataclass(frozen=True, eq=False)
+class Estimation:
+    """The estimates of one trace, row by row, and what they were made from."""
+
+    trace: Trace
+    system: StochasticSystem
+    method: EstimateMethod
+    estimates: Estimates
+
+    @cached_property
+    def location(self) -> tuple[str, ...]:
+        """The most probable location of each row."""
+        return tuple(self.system.names[number] for number in self.estimates.most_probable.tolist())
+
+    @property
+    def log_likelihood(self) -> float:
+        """log p of all measurements of the trace."""
+        return float(self.estimates.log_likelihood.sum())
+
+    def csv(self) -> str:
+        """Return the columns `time, location, p_<location>, <state>_hat` as CSV."""
+        states = self.trace.system.state_names
+        header = ["time", "location", *(f"p_{name}" for name in self.system.names), *(f"{name}_hat" for name in states)]
+        numbers = np.hstack([self.estimates.mu, self.estimates.x]).tolist()
+        lines = [",".join(map(quoted, header))]
+        for time, name, row in zip(self.trace.time.tolist(), self.location, numbers, strict=True):
+            lines.append(",".join([shortest(time), quoted(name), *map(shortest, row)]))
+        return "\n".join(lines) + "\n"
+
+    @property
+    def consistency(self) -> Consistency:
+        """Squared residuals of all rows; only a mixture of one is χ² exactly."""
+        return Consistency(float(self.estimates.nis.sum()), int(self.estimates.channels.sum()))
+
+    @cached_property
+    def truth(self) -> "Truth":
+        """How the estimates stand beside the truth columns, as far as the trace has them."""
+        true, names = self.trace.true_location, self.trace.system.state_names
+        right = None
+        if true is not None and any(name is not None for name in true):
+            known = [(a, b) for a, b in zip(true, self.location, strict=True) if a is not None]
+            right = sum(a == b for a, b in known) / len(known)
+        found = () if true is None else switches(true, self.location)
+        if self.trace.true_state is None:
+            return Truth(right, found, (), None)
+        errors = self.estimates.x - self.trace.true_state
+        known_rows = ~np.isnan(errors)
+        rms = tuple(
+            (name, float(np.sqrt(np.mean(errors[known_rows[:, i], i] ** 2))))
+            for i, name in enumerate(names)
+            if known_rows[:, i].any()
+        )
+        whole = known_rows.all(axis=1)
+        squares = nees(errors[whole], self.estimates.P[whole])
+        return Truth(right, found, rms, float(squares.mean()) if squares.size and np.isfinite(squares).all() else None)
+
+    def record(self) -> dict[str, object]:
+        """Return the summary as a tree for JSON."""
+        sums = self.consistency
+        nis = {"sum": sums.total, "freedom": sums.freedom, "band_95": list(sums.band)} if sums.freedom else None
+        return {
+            "format": "deshybrid-estimate/1",
+            "name": self.trace.system.name,
+            "method": self.method,
+            "rows": len(self.trace),
+            "log_likelihood": self.log_likelihood,
+            "nis": nis,
+            "score": self.truth.record(),
+        }
+
+    def __str__(self) -> str:
+        consistency = self.consistency
+        lines = [f"log-likelihood: {self.log_likelihood:.6f} over {len(self.trace)} rows ({self.method})"]
+        if consistency.freedom:
+            low, high = (bound / consistency.freedom for bound in consistency.band)
+            mean = consistency.total / consistency.freedom
+            where = "within" if consistency.holds else "outside"
+            lines.append(f"NIS: {mean:.3f} a measured number, {where} the 95 % band {low:.3f} to {high:.3f}")
+        return "\n".join([*lines, *self.truth.lines(len(self.system.x))])
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """Share of rows with the right location, switches and delays, RMS by state, mean NEES; None or empty if unknown."""
+
+    right: float | None
+    switches: tuple[Switch, ...]
+    rms: tuple[tuple[str, float], ...]
+    nees: float | None
+
+    def record(self) -> dict[str, object]:
+        """Return the score as a tree for JSON."""
+        return {
+            "right": self.right,
+            "switches": [{"row": s.row, "location": s.mode, "delay": s.delay} for s in self.switches],
+            "rms": dict(self.rms),
+            "nees": self.nees,
+        }
+
+    def lines(self, states: int) -> list[str]:
+        """Return the score as lines of text."""
+        found = [] if self.right is None else [f"location: {100 * self.right:.2f} % of the rows right"]
+        for switch in self.switches:
+            seen = "not named before the next" if switch.delay is None else f"named at row {switch.delay} of the stay"
+            found.append(f"  switch to {switch.mode} at row {switch.row}: {seen}")
+        found += [f"error of {name}: {rms:.4g} rms" for name, rms in self.rms]
+        return found + ([] if self.nees is None else [f"NEES: {self.nees:.3f} on average, {states} expected"])
+
+
+def estimate_trace(source: Source, trace: str | Path, *, method: EstimateMethod = "imm") -> Estimation:
+    """Return the estimates of a stochastic model (a path or a system) on a trace (a path, or - for standard input).
+
+    Raises `ModelError` (DH1101), `UsageError` (DH0306, DH1103, DH1105) and `TraceError` (DH0310 to DH0324; DH1106 where
+    `skf` is not told the location of a row).
+
+    >>> estimate_trace("models/hwang2006/turn.yaml", "models/hwang2006/turn.csv").location[:2]
+    ('CV', 'CV')
+    """
+    model = to_hybrid(source)
+    name, data = read_bytes(trace)
+    samples, step = _read_trace(decode(name, data), model, name)
+    system = stochastic_system(model, step=step)
+    z, u = samples.outputs, samples.inputs
+    if method == "skf":
+        return Estimation(samples, system, method, estimate_known(system, z, _known(samples), u))
+    return Estimation(samples, system, method, estimate(system, z, u, method=method))
+
+
+def _read_trace(text: str, model: HybridSystem, name: str) -> tuple[Trace, float]:
+    """The trace, its rows checked against the step of the model, or against their own mean distance."""
+    step = model.time_step or model.observer.step
+    samples = parse_trace(text, model, step=step, name=name)
+    if step is None and len(samples) > 1:
+        step = float(samples.time[-1] - samples.time[0]) / (len(samples) - 1)
+        samples = parse_trace(text, model, step=step, name=name)
+    return samples, step or 1.0
+
+
+def _known(samples: Trace) -> list[int]:
+    """The number of the true location of every row."""
+    true = samples.true_location
+    names = [location.name for location in samples.system.locations]
+    if true is None or None in true:
+        where = "has no column `true_location`" if true is None else f"has none in row {true.index(None) + 1}"
+        helps = ("take `imm` where the location is not known",)
+        raise TraceError(
+            diagnostic("DH1106", f"`skf` needs the location of every row, and the trace {where}", helps=helps)
+        )
+    return [names.index(name) for name in true if name is not None]
+
+
+__all__ = ["EstimateMethod", "Estimation", "Truth", "estimate_trace"]

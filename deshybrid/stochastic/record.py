@@ -1,0 +1,155 @@
+"""A filter at work on whole records, any number of trials at once.
+
+In: a `StochasticSystem`, measurements z (..., N, p) with NaN where one is missing, inputs u (..., N, m).  Out:
+`Estimates`, with the same leading axes.  The prior lies one step before the first measurement: predict, then update.
+The input of a row is held until the next row; the step to the first row takes the first row's input.
+
+One step a row.  Source: Hwang et al. (2006), section 3.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deshybrid.diagnostics import UsageError, diagnostic
+from deshybrid.linear.arrays import FloatArray
+from deshybrid.stochastic import multiple, switching
+from deshybrid.stochastic.belief import Belief, read_only
+from deshybrid.stochastic.switching import ModeNumbers
+from deshybrid.stochastic.system import StochasticSystem
+
+UnknownModeMethod: TypeAlias = Literal["mmae", "imm"]
+_PREDICT: dict[str, Callable[[StochasticSystem, Belief, FloatArray | None], Belief]] = {
+    "mmae": multiple.predict_mmae,
+    "imm": multiple.predict_imm,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimates:
+    """Row by row: x (..., N, n), P (..., N, n, n), mu (..., N, M), log_likelihood, nis, channels (..., N); read-only.
+
+    x and P are mean and covariance of the mixture given all rows up to this one; `log_likelihood` is that of the row's
+    measurement given the rows before, `nis` its squared residual in units of its covariance, and `channels` how many
+    outputs were measured.
+    """
+
+    x: FloatArray
+    P: FloatArray
+    mu: FloatArray
+    log_likelihood: FloatArray
+    nis: FloatArray
+    channels: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("x", "P", "mu", "log_likelihood", "nis", "channels"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    @property
+    def most_probable(self) -> ModeNumbers:
+        """The number of the most probable mode of each row (..., N); of equals the first."""
+        best: ModeNumbers = self.mu.argmax(axis=-1)
+        return best
+
+
+def estimate(
+    system: StochasticSystem, z: ArrayLike, u: ArrayLike | None = None, *, method: UnknownModeMethod = "imm"
+) -> Estimates:
+    """Return the estimates of a multiple-model filter; z (..., N, p), u (..., N, m).
+
+    Raises `UsageError`: DH1103 where the modes measure different outputs, DH1105, DH1107 where a shape does not fit.
+
+    >>> from deshybrid.stochastic.examples import calm_and_wild
+    >>> estimate(calm_and_wild(), [[0.1], [0.2], [9.0], [1.0]]).most_probable.tolist()
+    [0, 0, 1, 1]
+    """
+    measured, inputs = _records(system, z, u)
+    predict = _PREDICT[method]
+    belief = Belief.prior(system, measured.shape[:-2])
+    rows = []
+    for z_row, u_before, u_row in _rows(measured, inputs):
+        posterior = multiple.update(system, predict(system, belief, u_before), z_row, u_row)
+        belief = posterior.belief
+        rows.append((belief.mean, belief.covariance, belief.mu, posterior.log_likelihood, posterior.nis))
+    seen = ~np.isnan(measured) & system.comparable_bank.measured[0]
+    return _stacked(rows, seen)
+
+
+def estimate_known(
+    system: StochasticSystem,
+    z: ArrayLike,
+    modes: ArrayLike,
+    u: ArrayLike | None = None,
+    *,
+    moved_by: ArrayLike | None = None,
+) -> Estimates:
+    """Return the estimates of the switching Kalman filter; z (..., N, p), modes (..., N) by number, u (..., N, m).
+
+    The mode of a row measures it; `moved_by` (..., N) is the mode of the step that leads to it: by default the row's
+    own, as in the other filters, while the freeway paper takes that of the row before.
+
+    Raises `UsageError`: DH1105, DH1107 where a shape or a number of a mode does not fit.
+
+    >>> from deshybrid.stochastic.examples import calm_and_wild
+    >>> estimate_known(calm_and_wild(), [[0.1], [0.2]], [0, 0]).mu.tolist()
+    [[1.0, 0.0], [1.0, 0.0]]
+    """
+    measured, inputs = _records(system, z, u)
+    known = _known_modes(system, modes, measured.shape[:-1])
+    moving = known if moved_by is None else _known_modes(system, moved_by, measured.shape[:-1])
+    trials, n = measured.shape[:-2], len(system.x)
+    x, P = np.broadcast_to(system.x, (*trials, n)), np.broadcast_to(system.P, (*trials, n, n))
+    rows = []
+    for k, (z_row, u_before, u_row) in enumerate(_rows(measured, inputs)):
+        x, P = switching.predict(system, x, P, moving[..., k], u=u_before)
+        done = switching.update(system, x, P, known[..., k], z_row, u=u_row)
+        x, P = done.x, done.P
+        nis = (done.residual * np.linalg.solve(done.S, done.residual[..., None])[..., 0]).sum(axis=-1)
+        rows.append((x, P, np.eye(len(system.modes))[known[..., k]], done.log_likelihood, nis))
+    return _stacked(rows, ~np.isnan(measured) & system.bank.measured[known])
+
+
+def _records(system: StochasticSystem, z: ArrayLike, u: ArrayLike | None) -> tuple[FloatArray, FloatArray | None]:
+    measured = np.asarray(z, dtype=np.float64)
+    outputs, m = system.bank.H.shape[1], system.bank.B.shape[2]
+    if measured.ndim < 2 or measured.shape[-1] != outputs or np.isinf(measured).any():
+        text = f"`z` has shape {measured.shape}, expected (..., rows, {outputs}) without infinite numbers"
+        raise UsageError(diagnostic("DH1107", text))
+    if u is None and m == 0:
+        return measured, None
+    expected = (*measured.shape[:-1], m)
+    inputs = np.asarray(np.nan if u is None else u, dtype=np.float64)
+    if inputs.shape != expected or not np.isfinite(inputs).all():
+        text = f"`u` has shape {inputs.shape}, expected {expected} with finite numbers"
+        raise UsageError(diagnostic("DH1107", text))
+    return measured, inputs
+
+
+def _known_modes(system: StochasticSystem, modes: ArrayLike, shape: tuple[int, ...]) -> ModeNumbers:
+    known = np.asarray(modes)
+    size = len(system.modes)
+    if known.shape != shape or known.dtype.kind not in "iu" or ((known < 0) | (known >= size)).any():
+        text = f"`modes` has shape {known.shape} and type {known.dtype}, expected {shape} with numbers below {size}"
+        raise UsageError(diagnostic("DH1107", text))
+    return known.astype(np.intp)
+
+
+def _rows(
+    measured: FloatArray, inputs: FloatArray | None
+) -> list[tuple[FloatArray, FloatArray | None, FloatArray | None]]:
+    """Each row's measurement, the input of the step that leads to it, and its own input."""
+    count = measured.shape[-2]
+    if inputs is None:
+        return [(measured[..., k, :], None, None) for k in range(count)]
+    return [(measured[..., k, :], inputs[..., max(k - 1, 0), :], inputs[..., k, :]) for k in range(count)]
+
+
+def _stacked(rows: Sequence[tuple[FloatArray, ...]], seen: NDArray[np.bool_]) -> Estimates:
+    x, P, mu, log_likelihood, nis = (np.stack(column, axis=seen.ndim - 2) for column in zip(*rows, strict=True))
+    return Estimates(x, P, mu, log_likelihood, nis, channels=seen.sum(axis=-1).astype(np.float64))
+
+
+__all__ = ["Estimates", "UnknownModeMethod", "estimate", "estimate_known"]

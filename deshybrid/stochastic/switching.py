@@ -1,0 +1,60 @@
+"""The switching Kalman filter: the mode is known, so that one Gaussian is the whole belief and exact.
+
+In: a `StochasticSystem`, one Gaussian x (..., n), P (..., n, n), and the number of the mode (...).  Out: the next one.
+Modes may measure different outputs and take different inputs.  The step and the measurement at its end may belong to
+different modes, as at a switch of the freeway paper: A and noise of the mode that was left, C of the one entered.
+
+The text forgets the offset g in the residual, prints ΓᵀQΓ for ΓQΓᵀ and mixes predicted and filtered covariances; here
+they are as derived.  Every mode being observable does not bound the covariance under fast switching.
+O(n³ + p³) a step and trial.  Source: the freeway paper's mode-switched Kalman filter (`docs/stochastic.md`).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deshybrid.linear.arrays import FloatArray
+from deshybrid.stochastic import gaussian
+from deshybrid.stochastic.gaussian import Correction, times
+from deshybrid.stochastic.system import StochasticSystem
+
+ModeNumbers = NDArray[np.intp]
+
+
+def predict(
+    system: StochasticSystem, x: FloatArray, P: FloatArray, mode: ModeNumbers, *, u: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the Gaussian one step later, moved by `mode` (...); u (..., m) is held over the step.
+
+    >>> from deshybrid.stochastic.examples import calm_and_wild
+    >>> system = calm_and_wild()
+    >>> predict(system, system.x, system.P, np.array(1))[1].tolist()
+    [[10.0]]
+    """
+    bank = system.bank
+    push = bank.f[mode] if u is None else times(bank.B[mode], u) + bank.f[mode]
+    return gaussian.predict(x, P, bank.F[mode], bank.Q[mode], push)
+
+
+def update(
+    system: StochasticSystem,
+    x: FloatArray,
+    P: FloatArray,
+    mode: ModeNumbers,
+    z: FloatArray,
+    *,
+    u: FloatArray | None = None,
+) -> Correction:
+    """Return the Gaussian given z (..., p) as `mode` (...) measures it; channels it does not measure are not read.
+
+    >>> from deshybrid.stochastic.examples import calm_and_wild
+    >>> system = calm_and_wild()
+    >>> update(system, system.x, system.P, np.array(0), np.array([2.0])).x.round(12).tolist()
+    [1.0]
+    """
+    bank = system.bank
+    offset = bank.g[mode] if u is None else times(bank.D[mode], u) + bank.g[mode]
+    residual = np.where(bank.measured[mode], z, np.nan) - times(bank.H[mode], x) - offset
+    return gaussian.update(x, P, residual, bank.H[mode], bank.R[mode])
+
+
+__all__ = ["ModeNumbers", "predict", "update"]

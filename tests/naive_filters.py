@@ -1,0 +1,99 @@
+"""Filters written straight from the equations, one trial at a time: what the batched ones are held against.
+
+Probabilities are plain numbers here, sums are loops, and densities come from scipy.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import multivariate_normal
+
+from deshybrid.stochastic.system import Mode, StochasticSystem
+
+
+@dataclass
+class Naive:
+    """One trial's estimates, row by row."""
+
+    mu: list
+    x: list
+    P: list
+    log_likelihood: list
+
+
+def kalman_predict(mode: Mode, x, P, u):
+    return mode.F @ x + mode.B @ u + mode.f, mode.F @ P @ mode.F.T + mode.Q
+
+
+def kalman_update(mode: Mode, x, P, z, u):
+    """The textbook update, (I - K H) P, and the density of the measurement; missing channels are struck out."""
+    seen = ~np.isnan(z)
+    if not seen.any():
+        return x, P, 1.0
+    H, R = mode.H[seen], mode.R[np.ix_(seen, seen)]
+    S = H @ P @ H.T + R
+    K = P @ H.T @ np.linalg.inv(S)
+    expected = H @ x + (mode.D @ u + mode.g)[seen]
+    density = multivariate_normal.pdf(z[seen], expected, S)
+    return x + K @ (z[seen] - expected), (np.eye(len(x)) - K @ H) @ P, density
+
+
+def combined(weights, xs, Ps):
+    mean = sum(w * x for w, x in zip(weights, xs, strict=True))
+    spread = sum(w * (P + np.outer(x - mean, x - mean)) for w, x, P in zip(weights, xs, Ps, strict=True))
+    return mean, spread
+
+
+def multiple_models(system: StochasticSystem, z, u, *, interacting: bool) -> Naive:
+    """IMM, or MMAE where the filters do not interact; z (N, p), u (N, m); every mode measures all outputs."""
+    Pi, count = system.chain.probability_to_from, len(system.modes)
+    mu, xs, Ps = system.mu.copy(), [system.x] * count, [system.P] * count
+    out = Naive([], [], [], [])
+    for k, row in enumerate(z):
+        predicted = [sum(Pi[j, i] * mu[i] for i in range(count)) for j in range(count)]
+        if interacting:
+            weights = [[Pi[j, i] * mu[i] / predicted[j] for i in range(count)] for j in range(count)]
+            mixed = [combined(weights[j], xs, Ps) for j in range(count)]
+            xs, Ps = [m[0] for m in mixed], [m[1] for m in mixed]
+        moved = [kalman_predict(mode, xs[j], Ps[j], u[max(k - 1, 0)]) for j, mode in enumerate(system.modes)]
+        done = [kalman_update(mode, *moved[j], row, u[k]) for j, mode in enumerate(system.modes)]
+        xs, Ps = [d[0] for d in done], [d[1] for d in done]
+        joint = np.array([predicted[j] * done[j][2] for j in range(count)])
+        mu = joint / joint.sum()
+        mean, spread = combined(mu, xs, Ps)
+        out.mu.append(mu)
+        out.x.append(mean)
+        out.P.append(spread)
+        out.log_likelihood.append(np.log(joint.sum()))
+    return out
+
+
+def batch_least_squares(system: StochasticSystem, z, u, modes):
+    """The last state of a run with known modes, as one least-squares problem over all states and measurements.
+
+    Unknown: x at the prior's time and at every row.  No recursion, no gain, no covariance update.
+    """
+    n, rows = len(system.x), len(z)
+    blocks, values = [], []
+
+    def add(places, covariance, value):
+        white = np.linalg.inv(np.linalg.cholesky(covariance))
+        line = np.zeros((len(value), n * (rows + 1)))
+        for place, matrix in places.items():
+            line[:, n * place : n * (place + 1)] = matrix
+        blocks.append(white @ line)
+        values.append(white @ value)
+
+    add({0: np.eye(n)}, system.P, system.x)
+    for k, number in enumerate(modes):
+        mode = system.modes[number]
+        add({k: -mode.F, k + 1: np.eye(n)}, mode.Q, mode.B @ u[max(k - 1, 0)] + mode.f)
+        measured = z[k][list(mode.output_index)]
+        seen = ~np.isnan(measured)
+        if seen.any():
+            R = mode.R[np.ix_(seen, seen)]
+            add({k + 1: mode.H[seen]}, R, (measured - mode.D @ u[k] - mode.g)[seen])
+    A, b = np.vstack(blocks), np.concatenate(values)
+    information = A.T @ A
+    solution = np.linalg.lstsq(A, b, rcond=None)[0]
+    return solution[-n:], np.linalg.inv(information)[-n:, -n:]

@@ -1,0 +1,209 @@
+"""The command `estimate`, from the file of a model to the columns of its estimates; and what it refuses."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deshybrid.diagnostics import DeshybridError, ModelError, TraceError, UsageError
+from deshybrid.estimation import estimate_trace
+from deshybrid.model.load import load, loads
+from deshybrid.stochastic.from_model import stochastic_system
+from deshybrid.stochastic.record import estimate, estimate_known
+from deshybrid.stochastic.sample import sample
+
+ROOT = Path(__file__).parents[2]
+TURN, FLIGHT = ROOT / "models/hwang2006/turn.yaml", ROOT / "models/hwang2006/turn.csv"
+HEADER = "time,location,p_CV,p_CT,x1_hat,v1_hat,x2_hat,v2_hat"
+WALK = """
+format: deshybrid/1
+name: walk
+time: {step: 1}
+state: [x]
+output: [y]
+defaults: {A: [[1]], C: [[1]]}
+locations: {calm: {}, wild: {noise: {process: [[9]]}}}
+transition_probability: {calm: {calm: 0.9, wild: 0.1}, wild: {calm: 0.2, wild: 0.8}}
+noise: {process: [[0.1]], measurement: [[1]]}
+prior: {mean: [0], covariance: [[1]]}
+"""
+
+
+def run(*words: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "deshybrid.cli", *map(str, words)], capture_output=True, text=True, check=False
+    )
+
+
+def codes(caught) -> list[str]:
+    return [d.code for d in caught.value.diagnostics]
+
+
+def trace(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "trace.csv"
+    path.write_text(text)
+    return path
+
+
+def test_estimate_writes_the_columns_of_the_contract_and_prints_the_log_likelihood(tmp_path):
+    done = run("estimate", TURN, "--trace", FLIGHT, "--method", "imm", "-o", tmp_path / "out.csv")
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = (tmp_path / "out.csv").read_text().splitlines()
+    assert lines[0] == HEADER
+    assert len(lines) == 1 + 100
+    first = done.stdout.splitlines()[0]
+    made = estimate_trace(TURN, FLIGHT)
+    assert first == f"log-likelihood: {made.log_likelihood:.6f} over 100 rows (imm)"
+
+
+def test_the_most_probable_location_of_a_row_is_that_of_its_largest_probability():
+    rows = [line.split(",") for line in estimate_trace(TURN, FLIGHT).csv().splitlines()[1:]]
+    for _, location, straight, turning, *_ in rows:
+        assert location == ("CV" if float(straight) >= float(turning) else "CT")
+        assert float(straight) + float(turning) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_json_goes_to_standard_error_where_the_estimates_go_to_standard_output():
+    done = run("estimate", TURN, "--trace", FLIGHT, "--json")
+    assert done.stdout.startswith(HEADER)
+    record = json.loads(done.stderr)
+    assert record["log_likelihood"] == estimate_trace(TURN, FLIGHT).log_likelihood
+    assert [switch["row"] for switch in record["score"]["switches"]] == [45, 56]
+
+
+def test_the_flight_of_the_page_is_the_one_its_script_draws():
+    namespace = {"__file__": str(TURN.parent / "turn_trace.py"), "__name__": "script"}
+    exec(compile((TURN.parent / "turn_trace.py").read_text(), "turn_trace.py", "exec"), namespace)
+    drawn = namespace["flight"](seed=2006)
+    kept = estimate_trace(TURN, FLIGHT).trace
+    np.testing.assert_allclose(drawn.outputs, kept.outputs, rtol=1e-12)
+    assert drawn.true_location == kept.true_location
+
+
+def test_interacting_filters_see_the_switches_of_the_example_before_independent_ones_do():
+    """Section 4.3 of the paper reports 1 and 2 rows for IMM, 6 and 10 for MMAE; over 200 flights, median of each."""
+    system = stochastic_system(load(TURN))
+    modes = np.array([int(45 <= k < 56) for k in range(100)])
+    z = sample(system, 100, seed=7, trials=(200,), modes=modes).z
+    medians = {}
+    for method in ("imm", "mmae"):
+        named = estimate(system, z, method=method).most_probable
+        delays = [[1 + int(np.argmax(row[a:b] == m)) for a, b, m in ((45, 56, 1), (56, 100, 0))] for row in named]
+        medians[method] = np.median(delays, axis=0)
+    assert (medians["imm"] <= 2).all()
+    assert (medians["mmae"] >= 5).all()
+
+
+def test_knowing_the_location_is_worth_more_than_guessing_it():
+    system = stochastic_system(load(TURN))
+    runs = sample(system, 60, seed=8, trials=(100,))
+    known, guessed = estimate_known(system, runs.z, runs.modes), estimate(system, runs.z)
+    errors = [float(((made.x - runs.x) ** 2).mean()) for made in (known, guessed)]
+    assert errors[0] < errors[1]
+
+
+def test_the_truth_moves_no_estimate_but_that_of_skf(tmp_path):
+    lines = FLIGHT.read_text().splitlines()
+    width = 4  # time, y1, y2, event
+    bare = trace(tmp_path, "\n".join(",".join(line.split(",")[:width]) for line in lines) + "\n")
+    for method in ("imm", "mmae"):
+        assert estimate_trace(TURN, bare, method=method).csv() == estimate_trace(TURN, FLIGHT, method=method).csv()
+    with pytest.raises(TraceError) as caught:
+        estimate_trace(TURN, bare, method="skf")
+    assert codes(caught) == ["DH1106"]
+
+
+def test_an_empty_output_is_predicted_only(tmp_path):
+    full = estimate_trace(loads(WALK), trace(tmp_path, "time,y\n0,1\n1,2\n2,3\n"))
+    holed = estimate_trace(loads(WALK), trace(tmp_path, "time,y\n0,1\n1,\n2,3\n"))
+    assert holed.estimates.x[1, 0] == pytest.approx(full.estimates.x[0, 0])
+    assert holed.estimates.log_likelihood[1] == pytest.approx(0.0, abs=1e-12)
+    assert holed.consistency.freedom == 2
+
+
+def test_a_trace_without_any_measurement_is_pure_prediction(tmp_path):
+    made = estimate_trace(loads(WALK), trace(tmp_path, "time,y\n0,\n1,\n"))
+    assert (made.log_likelihood, made.consistency.freedom) == (pytest.approx(0.0, abs=1e-12), 0)
+    assert "NIS" not in str(made)
+    assert made.record()["nis"] is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "lacking"),
+    [
+        ("transition_probability: {calm: {calm: 0.9, wild: 0.1}, wild: {calm: 0.2, wild: 0.8}}",
+         "transitions: [{from: calm, to: wild, event: a}, {from: wild, to: calm, event: b}]", "transition_probability"),
+        ("noise: {process: [[0.1]], measurement: [[1]]}\n", "noise: {process: [[0.1]]}\n", "measurement"),
+        ("prior: {mean: [0], covariance: [[1]]}", "prior: {mean: [0]}", "prior: covariance"),
+    ],
+)  # fmt: skip
+def test_a_model_that_lacks_a_part_is_refused_by_the_name_of_the_part(tmp_path, old, new, lacking):
+    assert old in WALK
+    with pytest.raises(ModelError) as caught:
+        estimate_trace(loads(WALK.replace(old, new)), trace(tmp_path, "time,y\n0,1\n"))
+    assert set(codes(caught)) == {"DH1101"}
+    assert lacking in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("time,y\n0,1\n1,x\n", "DH0318"),
+        ("time,z\n0,1\n", "DH0314"),
+        ("time,y\n0,1\n2,1\n", "DH0322"),
+        ("time,y,true_location\n0,1,calm\n1,2,\n", "DH1106"),
+    ],
+)
+def test_a_bad_trace_ends_in_a_coded_message_and_exit_code_2(tmp_path, text, code):
+    (tmp_path / "walk.yaml").write_text(WALK)
+    done = run("estimate", tmp_path / "walk.yaml", "--trace", trace(tmp_path, text), "--method", "skf")
+    assert done.returncode == 2
+    assert f"error[{code}]" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+
+
+def test_a_discrete_model_has_nothing_to_filter(tmp_path):
+    with pytest.raises(UsageError) as caught:
+        estimate_trace(ROOT / "models/balluchi2012/fig2.yaml", trace(tmp_path, "time,event\n0,\n"))
+    assert codes(caught) == ["DH0306"]
+
+
+def test_modes_that_measure_different_outputs_are_refused_by_imm_and_taken_by_skf(tmp_path):
+    text = WALK.replace("output: [y]", "output: [y, z]").replace("C: [[1]]", "C: [[1], [1]]")
+    text = text.replace("measurement: [[1]]", "measurement: [[1, 0], [0, 1]]")
+    text = text.replace("calm: {}", "calm: {output: [y], C: [[1]], noise: {measurement: [[1]]}}")
+    rows = "time,y,z,true_location\n0,1,2,wild\n1,2,,calm\n"
+    for method in ("imm", "mmae"):
+        with pytest.raises(DeshybridError) as caught:
+            estimate_trace(loads(text), trace(tmp_path, rows), method=method)
+        assert codes(caught) == ["DH1103"]
+    made = estimate_trace(loads(text), trace(tmp_path, rows), method="skf")
+    assert made.estimates.channels.tolist() == [2.0, 1.0]
+
+
+def test_measurements_without_any_noise_are_refused(tmp_path):
+    text = WALK.replace("measurement: [[1]]", "measurement: [[0]]").replace("C: [[1]]", "C: [[0]]")
+    with pytest.raises(UsageError) as caught:
+        estimate_trace(loads(text), trace(tmp_path, "time,y\n0,1\n"))
+    assert codes(caught) == ["DH1105"]
+
+
+def test_a_model_in_continuous_time_is_that_of_its_sampled_numbers(tmp_path):
+    """An integrator of white noise: over h its variance grows by the intensity times h."""
+    text = WALK.replace("time: {step: 1}\n", "").replace("A: [[1]]", "A: [[0]]")
+    rows = "time,y\n0,1\n0.5,2\n1.0,2\n"
+    halved = WALK.replace("[[9]]", "[[4.5]]").replace("[[0.1]]", "[[0.05]]").replace("step: 1", "step: 0.5")
+    continuous, sampled = (estimate_trace(loads(model), trace(tmp_path, rows)) for model in (text, halved))
+    np.testing.assert_allclose(continuous.estimates.x, sampled.estimates.x, rtol=1e-12)
+    np.testing.assert_allclose(continuous.estimates.P, sampled.estimates.P, rtol=1e-12)
+
+
+def test_rows_that_are_not_equally_spaced_are_refused_in_continuous_time(tmp_path):
+    text = WALK.replace("time: {step: 1}\n", "").replace("A: [[1]]", "A: [[0]]")
+    with pytest.raises(TraceError) as caught:
+        estimate_trace(loads(text), trace(tmp_path, "time,y\n0,1\n0.5,2\n1,2\n9,2\n"))
+    assert codes(caught) == ["DH0322"]
