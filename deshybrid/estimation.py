@@ -24,7 +24,7 @@ from deshybrid.stochastic.record import Estimates, estimate, estimate_known
 from deshybrid.stochastic.score import Consistency, Switch, nees, switches
 from deshybrid.stochastic.system import StochasticSystem
 
-EstimateMethod: TypeAlias = Literal["mmae", "imm", "skf"]
+EstimateMethod: TypeAlias = Literal["mmae", "imm", "rmimm", "skf"]
 
 
 @dataclass(frozen=True, eq=False)

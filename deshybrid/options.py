@@ -51,7 +51,7 @@ DrawFormat = Literal["svg", "png", "pdf", "dot", "mmd", "graphml"]
 DrawWhat = Literal["des", "dprime", "observer", "complementary", "complementary-observer"]
 TraceFile = Annotated[str, typer.Option("--trace", help="a trace as CSV, or - for standard input")]
 FilterMethod = Annotated[
-    Literal["mmae", "imm", "skf"], typer.Option("--method", help="the filter; `skf` knows the location")
+    Literal["mmae", "imm", "rmimm", "skf"], typer.Option("--method", help="the filter; `skf` knows the location")
 ]
 Every = Annotated[bool, typer.Option("--all", help="list all cheapest sets")]
 Most = Annotated[int, typer.Option(min=1, help="list at most so many sets, with exit code 3 beyond")]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import multivariate_normal
 
+from deshybrid.stochastic.residual_mean import FLOOR
 from deshybrid.stochastic.system import Mode, StochasticSystem
 
 
@@ -44,28 +45,64 @@ def combined(weights, xs, Ps):
     return mean, spread
 
 
-def multiple_models(system: StochasticSystem, z, u, *, interacting: bool) -> Naive:
-    """IMM, or MMAE where the filters do not interact; z (N, p), u (N, m); every mode measures all outputs."""
+def multiple_models(system: StochasticSystem, z, u, *, method: str) -> Naive:
+    """IMM, MMAE where the filters do not interact, RMIMM; z (N, p), u (N, m); every mode measures all outputs."""
     Pi, count = system.chain.probability_to_from, len(system.modes)
     mu, xs, Ps = system.mu.copy(), [system.x] * count, [system.P] * count
+    errors = [np.zeros(len(system.x))] * count
     out = Naive([], [], [], [])
     for k, row in enumerate(z):
         predicted = [sum(Pi[j, i] * mu[i] for i in range(count)) for j in range(count)]
-        if interacting:
+        if method != "mmae":
             weights = [[Pi[j, i] * mu[i] / predicted[j] for i in range(count)] for j in range(count)]
             mixed = [combined(weights[j], xs, Ps) for j in range(count)]
             xs, Ps = [m[0] for m in mixed], [m[1] for m in mixed]
-        moved = [kalman_predict(mode, xs[j], Ps[j], u[max(k - 1, 0)]) for j, mode in enumerate(system.modes)]
-        done = [kalman_update(mode, *moved[j], row, u[k]) for j, mode in enumerate(system.modes)]
+        before, now = u[max(k - 1, 0)], u[k]
+        moved = [kalman_predict(mode, xs[j], Ps[j], before) for j, mode in enumerate(system.modes)]
+        done = [kalman_update(mode, *moved[j], row, now) for j, mode in enumerate(system.modes)]
+        trust = np.ones(count)
+        if method == "rmimm":
+            found = [
+                expected_residual(
+                    system, j, predicted, start=xs[j], P=Ps[j], error=errors[j], z=row, inputs=(before, now)
+                )
+                for j in range(count)
+            ]
+            errors, trust = [f[0] for f in found], np.array([1.0 / max(f[1], FLOOR) for f in found])
         xs, Ps = [d[0] for d in done], [d[1] for d in done]
         joint = np.array([predicted[j] * done[j][2] for j in range(count)])
-        mu = joint / joint.sum()
+        mu = joint * trust / (joint * trust).sum()
         mean, spread = combined(mu, xs, Ps)
         out.mu.append(mu)
         out.x.append(mean)
         out.P.append(spread)
         out.log_likelihood.append(np.log(joint.sum()))
     return out
+
+
+def expected_residual(system, j, predicted, *, start, P, error, z, inputs):
+    """(26) and (27) of Hwang et al. (2006) for filter j, averaged over the mode i that may be true.
+
+    With ΔA = A_i - A_j, ΔC = C_i - C_j as printed, and what inputs and offsets differ by.  Returns the new mean error
+    and the norm of the mean residual.
+    """
+    before, now = inputs
+    own, seen = system.modes[j], ~np.isnan(z)
+    _, covariance = kalman_predict(own, start, P, before)
+    H, R = own.H[seen], own.R[np.ix_(seen, seen)]
+    S = H @ covariance @ H.T + R
+    K = covariance @ H.T @ np.linalg.inv(S)
+    residual, left = np.zeros(seen.sum()), np.zeros(len(start))
+    for weight, true in zip(predicted, system.modes, strict=True):
+        dA, C, dC = true.F - own.F, true.H[seen], (true.H - own.H)[seen]
+        push = (true.B - own.B) @ before + true.f - own.f
+        own_next = own.F @ start + own.B @ before + own.f
+        offset = ((true.D - own.D) @ now + true.g - own.g)[seen]
+        residual += weight * (C @ (true.F @ error + dA @ start + push) + dC @ own_next + offset)
+        left += weight * (
+            (np.eye(len(start)) - K @ C) @ (true.F @ error + dA @ start + push) - K @ (dC @ own_next + offset)
+        )
+    return left, float(np.sqrt(residual @ np.linalg.solve(S, residual))) if seen.any() else 0.0
 
 
 def batch_least_squares(system: StochasticSystem, z, u, modes):

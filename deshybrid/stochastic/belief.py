@@ -104,7 +104,8 @@ def mixture_covariance(weights: FloatArray, spread: FloatArray, P: FloatArray) -
     >>> mixture_covariance(np.array([0.5, 0.5]), np.array([[1.0], [-1.0]]), np.ones((2, 1, 1))).tolist()
     [[2.0]]
     """
-    inside: FloatArray = (weights[..., None, None] * P).sum(axis=-3)
+    flat = P.reshape(*P.shape[:-2], -1)
+    inside = (weights[..., None, :] @ flat).reshape(*weights.shape[:-1], *P.shape[-2:])
     between: FloatArray = (spread * weights[..., None]).swapaxes(-1, -2) @ spread
     return inside + between
 

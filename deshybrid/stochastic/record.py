@@ -9,7 +9,7 @@ One step a row.  Source: Hwang et al. (2006), section 3.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,11 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import multiple, switching
-from deshybrid.stochastic.belief import Belief, read_only
+from deshybrid.stochastic.belief import Belief, Posterior, read_only
+from deshybrid.stochastic.residual_mean import ResidualBelief, predict_rmimm, update_rmimm
 from deshybrid.stochastic.switching import ModeNumbers
 from deshybrid.stochastic.system import StochasticSystem
 
-UnknownModeMethod: TypeAlias = Literal["mmae", "imm"]
+State = TypeVar("State")
+Step: TypeAlias = Callable[[State, FloatArray, FloatArray | None, FloatArray | None], tuple[State, Posterior]]
+UnknownModeMethod: TypeAlias = Literal["mmae", "imm", "rmimm"]
 _PREDICT: dict[str, Callable[[StochasticSystem, Belief, FloatArray | None], Belief]] = {
     "mmae": multiple.predict_mmae,
     "imm": multiple.predict_imm,
@@ -67,15 +70,44 @@ def estimate(
     [0, 0, 1, 1]
     """
     measured, inputs = _records(system, z, u)
-    predict = _PREDICT[method]
-    belief = Belief.prior(system, measured.shape[:-2])
-    rows = []
-    for z_row, u_before, u_row in _rows(measured, inputs):
-        posterior = multiple.update(system, predict(system, belief, u_before), z_row, u_row)
-        belief = posterior.belief
-        rows.append((belief.mean, belief.covariance, belief.mu, posterior.log_likelihood, posterior.nis))
+    trials = measured.shape[:-2]
     seen = ~np.isnan(measured) & system.comparable_bank.measured[0]
-    return _stacked(rows, seen)
+    rows = _rows(measured, inputs)
+    if method == "rmimm":
+        return _stacked(_run(ResidualBelief.prior(system, trials), _residual_step(system), rows), seen)
+    return _stacked(_run(Belief.prior(system, trials), _step(system, method), rows), seen)
+
+
+def _step(system: StochasticSystem, method: str) -> Step[Belief]:
+    predict = _PREDICT[method]
+
+    def step(
+        belief: Belief, z: FloatArray, u_before: FloatArray | None, u: FloatArray | None
+    ) -> tuple[Belief, Posterior]:
+        posterior = multiple.update(system, predict(system, belief, u_before), z, u)
+        return posterior.belief, posterior
+
+    return step
+
+
+def _residual_step(system: StochasticSystem) -> Step[ResidualBelief]:
+    def step(
+        state: ResidualBelief, z: FloatArray, u_before: FloatArray | None, u: FloatArray | None
+    ) -> tuple[ResidualBelief, Posterior]:
+        return update_rmimm(system, predict_rmimm(system, state, u_before), z, u)
+
+    return step
+
+
+def _run(
+    state: State, step: Step[State], rows: Sequence[tuple[FloatArray, FloatArray | None, FloatArray | None]]
+) -> list[tuple[FloatArray, ...]]:
+    found: list[tuple[FloatArray, ...]] = []
+    for z, u_before, u in rows:
+        state, posterior = step(state, z, u_before, u)
+        belief = posterior.belief
+        found.append((belief.mean, belief.covariance, belief.mu, posterior.log_likelihood, posterior.nis))
+    return found
 
 
 def estimate_known(
