@@ -30,24 +30,25 @@ def main() -> None:
 
 
 def ask_about(module: str, sample: int | None, *, again: bool) -> None:
-    """Run the mutants of one module, say what became of each, and write the sum of it."""
+    """Run the mutants of one module, say what became of each, and write the sum so far: a stopped run is a sample."""
     every = mutants_of(module)
     before = results().get(module)
     if again and before is not None:
         selected = [mutant for mutant in every if mutant.key in before["survived"]]
-        killed, asked = before["killed"], before["asked"]
+        killed, survived = before["killed"], [mutant.key for mutant in selected]
     else:
         selected = chosen(every, sample)
-        killed, asked = 0, len(selected)
-    survived = []
+        killed, survived = 0, []
     for mutant, outcome in verdicts(module, selected):
         sys.stdout.write(f"{outcome} line {mutant.line} {mutant.key}\n")
         sys.stdout.flush()
+        survived = [key for key in survived if key != mutant.key]
         if outcome == "survived":
             survived.append(mutant.key)
         else:
             killed += 1
-    record(module, {"mutants": len(every), "asked": asked, "killed": killed, "survived": survived})
+        asked = killed + len(survived)
+        record(module, {"mutants": len(every), "asked": asked, "killed": killed, "survived": survived})
 
 
 if __name__ == "__main__":

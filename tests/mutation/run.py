@@ -26,7 +26,7 @@ from hypothesis import Phase, settings
 from ruamel import yaml  # noqa: F401
 
 from tests.mutation.mutants import Mutant, mutants, mutated
-from tests.mutation.selection import LEFT_OUT, tests_of
+from tests.mutation.selection import LEFT_OUT, stages_of
 
 ROOT = Path(__file__).parents[2]
 SOURCES = ROOT / "deshybrid" / "des"
@@ -36,6 +36,7 @@ _OUTCOMES = {
     pytest.ExitCode.INTERRUPTED: "killed",
 }
 SECONDS, BYTES = 300, 2 << 30  # what the tests may need at most, in every process
+_SECONDS_OF: dict[tuple[str, ...], float] = {}
 
 
 class _InPlaceOf(importlib.abc.MetaPathFinder, importlib.abc.Loader):
@@ -73,31 +74,39 @@ def mutants_of(module: str) -> list[Mutant]:
 
 
 def chosen(every: list[Mutant], sample: int | None, seed: int = 0) -> list[Mutant]:
-    """All of them, or a seeded sample, in the order of the source."""
-    if sample is None or sample >= len(every):
-        return every
-    return sorted(
-        random.Random(f"{seed} {every[0].module}").sample(every, sample), key=lambda mutant: (mutant.line, mutant.key)
-    )
+    """All of them, or a sample, in a seeded order: the first so many are a sample too, where a run is stopped."""
+    count = len(every) if sample is None else min(sample, len(every))
+    return random.Random(f"{seed} {every[0].module}").sample(every, count)
 
 
 def verdicts(module: str, selected: list[Mutant]) -> Iterator[tuple[Mutant, str]]:
-    """Yield each mutant with `killed`, `timeout` or `survived`."""
+    """Yield each mutant with `killed`, `timeout` or `survived`; what passes the quick tests must pass the thorough."""
     source = (SOURCES / f"{module}.py").read_text(encoding="utf-8")
-    outcome, needed = fate(module, source)
-    if outcome != "survived":
-        raise SystemExit(f"the tests of {module} fail without a mutant: {outcome}")
     for mutant in selected:
-        yield mutant, fate(module, mutated(source, mutant), seconds=int(1.5 * needed) + 3)[0]
+        outcome = "survived"
+        for tests in stages_of(module):
+            if outcome == "survived":
+                seconds = int(1.5 * _needed(module, source, tests)) + 3
+                outcome = fate(module, mutated(source, mutant), tests, seconds=seconds)[0]
+        yield mutant, outcome
 
 
-def fate(module: str, text: str, *, seconds: int = SECONDS) -> tuple[str, float]:
-    """Run the tests of a module with another text in its place; return what became of it, and the processor time."""
+def _needed(module: str, source: str, tests: tuple[str, ...]) -> float:
+    """The processor time of tests without a mutant; modules that share thorough tests share that."""
+    if tests not in _SECONDS_OF:
+        outcome, _SECONDS_OF[tests] = fate(module, source, tests)
+        if outcome != "survived":
+            raise SystemExit(f"the tests of {module} fail without a mutant: {outcome}")
+    return _SECONDS_OF[tests]
+
+
+def fate(module: str, text: str, tests: tuple[str, ...], *, seconds: int = SECONDS) -> tuple[str, float]:
+    """Run tests with another text in place of a module; return what became of it, and the processor time."""
     gc.freeze()  # what is loaded here never becomes garbage in a child
     child = os.fork()
     if child == 0:
         try:
-            os._exit(_run_tests(module, text, seconds))
+            os._exit(_run_tests(module, text, tests, seconds))
         except BaseException:
             os._exit(70)
     _, status, used = os.wait4(child, 0)
@@ -109,7 +118,7 @@ def fate(module: str, text: str, *, seconds: int = SECONDS) -> tuple[str, float]
     return outcome, used.ru_utime
 
 
-def _run_tests(module: str, text: str, seconds: int) -> int:
+def _run_tests(module: str, text: str, tests: tuple[str, ...], seconds: int) -> int:
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.dup2(nowhere, 2)
@@ -129,7 +138,7 @@ def _run_tests(module: str, text: str, seconds: int) -> int:
         "--hypothesis-profile=mutation",
     ]
     skipped = [f"--deselect={name}" for name in LEFT_OUT]
-    return int(pytest.main([*pytest_options, *skipped, *tests_of(module)], plugins=[_FirstBatch()]))
+    return int(pytest.main([*pytest_options, *skipped, *tests], plugins=[_FirstBatch()]))
 
 
 __all__ = ["chosen", "fate", "mutants_of", "verdicts"]

@@ -65,10 +65,13 @@ LEFT_OUT = (
 )
 
 
-def tests_of(module: str) -> list[str]:
-    """The paths that pytest is given for a module, without those that are not there."""
-    files = [f"deshybrid/des/{module}.py", *(f"tests/{name}" for name in TESTS.get(module, _ALL))]
-    return [name for name in dict.fromkeys(files) if Path(name).exists()]
+def stages_of(module: str) -> list[tuple[str, ...]]:
+    """The paths that pytest is given for a module, first the quick, then the thorough; without what is not there."""
+    files = dict.fromkeys([f"deshybrid/des/{module}.py", *(f"tests/{name}" for name in TESTS.get(module, _ALL))])
+    there = [name for name in files if Path(name).exists()]
+    thorough = tuple(name for name in there if name.startswith("tests/property/"))
+    quick = tuple(name for name in there if name not in thorough)
+    return [tests for tests in (quick, thorough) if tests]
 
 
-__all__ = ["LEFT_OUT", "TESTS", "tests_of"]
+__all__ = ["LEFT_OUT", "TESTS", "stages_of"]
