@@ -92,8 +92,9 @@ def test_a_pair_that_is_not_persistent_is_not_held() -> None:
 
 
 def test_too_many_pairs_are_a_limit_that_says_how_many_there_are() -> None:
-    with pytest.raises(LimitReached, match="DH0901: there are more than 10 pairs of locations"):
+    with pytest.raises(LimitReached, match="DH0901: there are more than 10 pairs of locations") as stop:
         persistent_pairs(eliminate_epsilon(ring(200)), limit=10)
+    assert stop.value.diagnostics[0].notes == ("20100 pairs of locations would have to be looked at",)
     with pytest.raises(LimitReached, match="DH0901: there are more than 10 pairs of locations"):
         persistent_pairs(eliminate_epsilon(from_the_end(20)), limit=10)
 

@@ -75,3 +75,12 @@ def test_what_no_small_part_decides_ends_at_a_limit_that_says_what_is_known() ->
     assert "components known in the end: " in stop.value.diagnostics[0].notes[-1]
     with pytest.raises(LimitReached, match="DH0903"):
         check_composition(line_of_stations(12), timeout=0.0)
+
+
+def test_at_a_limit_the_components_that_are_known_so_far_are_named() -> None:
+    still = DES.from_transitions([("1", "a", "1", "α")])
+    wide = DES.from_transitions([("1", "b", "2", "β"), ("2", "c", "1", "γ")])
+    for components, known in (((still, wide), "0; not decided: 1"), ((wide, still), "none; not decided: 0")):
+        with pytest.raises(LimitReached, match="DH0901") as stop:
+            check_composition(Composition(components), max_pairs=1)
+        assert stop.value.diagnostics[0].notes[-1] == f"components known in the end: {known}"

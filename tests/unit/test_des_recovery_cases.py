@@ -9,8 +9,9 @@ from deshybrid.des.automaton import DES
 from deshybrid.des.candidates import Candidate, generator_costs, options
 from deshybrid.des.minimum import MOST_SETS, all_minimum_sets, minimum_sets_of
 from deshybrid.des.program import build_program, solve
+from deshybrid.des.separation import separation
 from deshybrid.des.signatures import _exactly, _float_below, _lower_bound, recover_observability
-from deshybrid.diagnostics import OutOfResources, UsageError, within
+from deshybrid.diagnostics import LimitReached, OutOfResources, UsageError, within
 from tests.strategies import candidates_everywhere
 
 FORK = DES.from_transitions(
@@ -155,6 +156,15 @@ class TestLimits:
         assert (found.complete, found.undecided) == (True, ())
         without = all_minimum_sets(FORK, ())
         assert (without.sets, without.complete) == ((), True)
+
+    def test_tens_of_millions_of_pairs_of_transitions_that_look_alike_are_too_many(self) -> None:
+        alike = DES.from_transitions([("1", str(number), "1", "α") for number in range(4473)])
+        with pytest.raises(LimitReached) as caught:
+            separation(alike, ())
+        (problem,) = caught.value.diagnostics
+        assert problem.code == "DH0901"
+        assert problem.message == "there are more than 20000000 pairs of transitions with a common output"
+        assert problem.notes == (f"there are {4473**2}",)
 
 
 class TestChoice:
