@@ -10,7 +10,7 @@ The paper's (28) uses the index j for the filter and for the sum, and the true m
 with that clash, all r̄_j are equal and RMIMM is IMM.  Here the sum is over the mode i that may be true, x_0j is the
 mixed estimate that filter j starts from (unmixed, a mode of constant velocity expects no residual for ever and the
 filter locks on it), and the norm is that of S_j⁻¹, which has no units.  It is at least `FLOOR`, so that no weight is
-infinite.  The probabilities are surer than an IMM's, whether right or wrong: `docs/stochastic.md` has figures.
+infinite.  The probabilities are surer than an IMM's, also where they are wrong: prefer IMM (`docs/stochastic.md`).
 
 O(M² n² + M n³) a step and trial.  Source: Hwang et al. (2006), section 5, (26) to (29).
 """

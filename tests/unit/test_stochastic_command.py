@@ -207,3 +207,22 @@ def test_rows_that_are_not_equally_spaced_are_refused_in_continuous_time(tmp_pat
     with pytest.raises(TraceError) as caught:
         estimate_trace(loads(text), trace(tmp_path, "time,y\n0,1\n0.5,2\n1,2\n9,2\n"))
     assert codes(caught) == ["DH0322"]
+
+
+def test_the_six_state_example_has_the_matrices_of_section_5():
+    """F of both modes and Q = Γ Γᵀ times a variance, as printed; T = 1."""
+    straight, turning = stochastic_system(load(ROOT / "models/hwang2006/maneuver.yaml")).modes
+    blocks = [np.array([[1, 1, 0], [0, 1, 0], [0, 0, 0]]), np.array([[1, 1, 0.5], [0, 1, 1], [0, 0, 1]])]
+    inputs = [np.array([0.5, 1, 0]), np.array([0.5, 1, 1])]
+    for mode, block, gamma, deviation in zip((straight, turning), blocks, inputs, (0.5, 5.0), strict=True):
+        np.testing.assert_array_equal(mode.F, np.kron(np.eye(2), block))
+        np.testing.assert_allclose(mode.Q, deviation**2 * np.kron(np.eye(2), np.outer(gamma, gamma)), rtol=1e-15)
+
+
+def test_estimate_takes_every_method_of_the_contract():
+    for method in ("mmae", "imm", "rmimm", "skf"):
+        done = run("estimate", TURN, "--trace", FLIGHT, "--method", method)
+        assert done.returncode == 0
+        assert done.stdout.startswith(HEADER)
+        assert f"({method})" in done.stderr
+    assert run("estimate", TURN, "--trace", FLIGHT, "--method", "best").returncode == 2
