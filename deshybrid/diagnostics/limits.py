@@ -4,7 +4,7 @@ In: limits, stated once around the work (`within`).  Out: `OutOfResources` from 
 reached, with the code of that limit; a failed allocation is turned into the same.
 Idea: the limits belong to the work that goes on, as a deadline belongs to a day, not to each function that is called on
 the way; they are a context variable, so threads have their own, and they end with the `with` block.
-Cost: a look at the clock and at the size of the process, some 10 µs each time.
+Cost: a look at the clock, and at the size of the process (some 10 µs) where the work has become large.
 """
 
 import math
@@ -34,7 +34,7 @@ class OutOfResources(LimitReached):
 @dataclass(frozen=True, slots=True)
 class _Limits:
     deadline: float  # as `time.monotonic` counts
-    memory: float  # bytes of the whole process
+    memory: float | None  # bytes of the whole process; None: what is sensible, found when it is first asked for
 
 
 _NONE = _Limits(math.inf, math.inf)
@@ -54,8 +54,8 @@ def within(*, timeout: float | None = None, memory: int | None = None) -> Iterat
     """
     outer = _LIMITS.get()
     deadline = math.inf if timeout is None else time.monotonic() + timeout
-    most = min(outer.memory, math.inf if memory is None else memory)
-    token = _LIMITS.set(_Limits(min(outer.deadline, deadline), most if most < math.inf else _sensible_memory()))
+    stated = [most for most in (None if outer is _NONE else outer.memory, memory) if most is not None]
+    token = _LIMITS.set(_Limits(min(outer.deadline, deadline), min(stated, default=None)))
     try:
         yield
     except MemoryError as error:
@@ -71,7 +71,7 @@ def last_moments(seconds: float) -> Iterator[None]:
     >>> with within(timeout=0.0), last_moments(10.0):
     ...     check_limits()
     """
-    memory = max(_LIMITS.get().memory, (resident_memory() or 0) + _LITTLE)
+    memory = max(_most_memory(), (resident_memory() or 0) + _LITTLE)
     token = _LIMITS.set(_Limits(time.monotonic() + seconds, memory))
     try:
         yield
@@ -88,14 +88,32 @@ def check_limits(ahead: int = 0) -> None:
         ...
     deshybrid.diagnostics.limits.OutOfResources: DH0904: the memory limit was reached
     """
-    limits = _LIMITS.get()
-    if time.monotonic() > limits.deadline:
-        raise out_of_time()
-    if limits.memory < math.inf:
+    check_time()
+    most = _most_memory()
+    if most < math.inf:
         held = resident_memory() or 0
-        if held + ahead > limits.memory:
-            facts = f"{_size(held)} are in use, {_size(ahead)} more are needed, {_size(limits.memory)} are allowed"
+        if held + ahead > most:
+            facts = f"{_size(held)} are in use, {_size(ahead)} more are needed, {_size(most)} are allowed"
             raise out_of_memory(facts)
+
+
+def check_time() -> None:
+    """Raise `OutOfResources` where the time is over: the part of `check_limits` that costs nothing.
+
+    >>> with within(timeout=60.0):
+    ...     check_time()
+    """
+    if time.monotonic() > _LIMITS.get().deadline:
+        raise out_of_time()
+
+
+def _most_memory() -> float:
+    """The memory limit; where none is stated inside of `within`, what was sensible when this was first asked."""
+    limits = _LIMITS.get()
+    if limits.memory is None:
+        limits = _Limits(limits.deadline, _sensible_memory())
+        _LIMITS.set(limits)  # it ends with the block of `within` all the same
+    return math.inf if limits.memory is None else limits.memory
 
 
 def out_of_time() -> OutOfResources:
@@ -163,7 +181,7 @@ def allowance() -> int | None:
     ...     allowance() > 2**40
     True
     """
-    most, held = _LIMITS.get().memory, resident_memory()
+    most, held = _most_memory(), resident_memory()
     return None if most == math.inf or held is None else max(int(most) - held, 0)
 
 
@@ -204,6 +222,7 @@ __all__ = [
     "allowance",
     "available_memory",
     "check_limits",
+    "check_time",
     "data_memory",
     "interrupted",
     "last_moments",
