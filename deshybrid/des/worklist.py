@@ -12,7 +12,7 @@ from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from deshybrid.diagnostics import Diagnostic, LimitReached, check_limits, check_time, diagnostic
+from deshybrid.diagnostics import Diagnostic, LimitReached, check_limits, check_stated_limits, diagnostic
 
 Node = TypeVar("Node", bound=Hashable)
 Label = TypeVar("Label")
@@ -108,7 +108,7 @@ def explore_while_few(
                 found_by.append(len(arcs))
             arcs.append((source, label, target))
         if not source % _PATIENCE:
-            (check_limits if source else check_time)()
+            (check_limits if source else check_stated_limits)()
         if limit is not None and len(nodes) > limit:
             raise LimitReached(too_many(len(nodes), len(nodes) - source - 1, limit, what))
         if len(nodes) - source > most:

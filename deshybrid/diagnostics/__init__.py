@@ -12,7 +12,7 @@ from deshybrid.diagnostics.errors import (
     UsageError,
     raise_all,
 )
-from deshybrid.diagnostics.limits import OutOfResources, check_limits, check_time, within
+from deshybrid.diagnostics.limits import OutOfResources, check_limits, check_stated_limits, within
 from deshybrid.diagnostics.messages import Diagnostic, Label, diagnostic
 from deshybrid.diagnostics.render import render, render_all
 from deshybrid.diagnostics.spans import SourceText, Span
@@ -34,7 +34,7 @@ __all__ = [
     "UsageError",
     "catalogue",
     "check_limits",
-    "check_time",
+    "check_stated_limits",
     "diagnostic",
     "raise_all",
     "render",
