@@ -63,10 +63,30 @@ def predict(
     return times(F, x) + push, symmetric(F @ P @ F.swapaxes(-1, -2) + Q)
 
 
+def squared_norm(residual: FloatArray, S: FloatArray) -> FloatArray:
+    """Return rᵀ S⁻¹ r of residuals (..., p).
+
+    >>> float(squared_norm(np.array([2.0]), np.array([[4.0]])))
+    1.0
+    """
+    squares: FloatArray = (residual * np.linalg.solve(S, residual[..., None])[..., 0]).sum(axis=-1)
+    return squares
+
+
+def overflow() -> UsageError:
+    """The error of a filter whose numbers left the range of doubles (DH1108).
+
+    >>> overflow().diagnostics[0].code
+    'DH1108'
+    """
+    helps = ("look for a number of absurd size among the measurements, or an unstable mode without measurements",)
+    return UsageError(diagnostic("DH1108", "the estimates grow beyond all numbers", helps=helps))
+
+
 def update(x: FloatArray, P: FloatArray, residual: FloatArray, H: FloatArray, R: FloatArray) -> Correction:
     """Return the Gaussian given a measurement; residual (..., p) = z - H x - ..., NaN where nothing was measured.
 
-    Raises `UsageError` (DH1105) where the covariance of a residual is singular.
+    Raises `UsageError`: DH1105 where the covariance of a residual is singular, DH1108 where it is not finite.
 
     >>> update(np.array([0.0]), np.eye(1), np.array([2.0]), np.eye(1), np.eye(1)).x.round(12).tolist()
     [1.0]
@@ -77,6 +97,8 @@ def update(x: FloatArray, P: FloatArray, residual: FloatArray, H: FloatArray, R:
     try:
         whitening = np.linalg.inv(np.linalg.cholesky(S))
     except np.linalg.LinAlgError:
+        if not np.isfinite(S).all():
+            raise overflow() from None
         text = "the covariance of a residual is not positive definite, so that no measurement has a likelihood"
         helps = ("give every output a measurement noise above zero",)
         raise UsageError(diagnostic("DH1105", text, helps=helps)) from None
@@ -101,4 +123,4 @@ def _without_missing(
     return np.where(seen[..., None], H, 0.0), R, np.where(seen, residual, 0.0), count
 
 
-__all__ = ["Correction", "predict", "symmetric", "times", "update"]
+__all__ = ["Correction", "overflow", "predict", "squared_norm", "symmetric", "times", "update"]

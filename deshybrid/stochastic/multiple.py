@@ -130,8 +130,7 @@ def squared_residual(prior: Belief, correction: Correction) -> FloatArray:
     """
     mean = times(correction.residual.swapaxes(-1, -2), prior.mu)
     S = mixture_covariance(prior.mu, correction.residual - mean[..., None, :], correction.S)
-    squared: FloatArray = (mean * np.linalg.solve(S, mean[..., None])[..., 0]).sum(axis=-1)
-    return squared
+    return gaussian.squared_norm(mean, S)
 
 
 def _log_joint(system: StochasticSystem, belief: Belief) -> FloatArray:

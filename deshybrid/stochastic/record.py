@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray
-from deshybrid.stochastic import multiple, switching
+from deshybrid.stochastic import gaussian, multiple, switching
 from deshybrid.stochastic.belief import Belief, Posterior, read_only
 from deshybrid.stochastic.residual_mean import ResidualBelief, predict_rmimm, update_rmimm
 from deshybrid.stochastic.switching import ModeNumbers
@@ -63,7 +63,8 @@ def estimate(
 ) -> Estimates:
     """Return the estimates of a multiple-model filter; z (..., N, p), u (..., N, m).
 
-    Raises `UsageError`: DH1103 where the modes measure different outputs, DH1105, DH1107 where a shape does not fit.
+    Raises `UsageError`: DH1103 where the modes measure different outputs, DH1105, DH1107 where a shape does not fit,
+    DH1108 where numbers overflow.
 
     >>> from deshybrid.stochastic.examples import calm_and_wild
     >>> estimate(calm_and_wild(), [[0.1], [0.2], [9.0], [1.0]]).most_probable.tolist()
@@ -103,10 +104,11 @@ def _run(
     state: State, step: Step[State], rows: Sequence[tuple[FloatArray, FloatArray | None, FloatArray | None]]
 ) -> list[tuple[FloatArray, ...]]:
     found: list[tuple[FloatArray, ...]] = []
-    for z, u_before, u in rows:
-        state, posterior = step(state, z, u_before, u)
-        belief = posterior.belief
-        found.append((belief.mean, belief.covariance, belief.mu, posterior.log_likelihood, posterior.nis))
+    with np.errstate(over="ignore", invalid="ignore"):  # `_stacked` looks for what is not finite
+        for z, u_before, u in rows:
+            state, posterior = step(state, z, u_before, u)
+            belief = posterior.belief
+            found.append((belief.mean, belief.covariance, belief.mu, posterior.log_likelihood, posterior.nis))
     return found
 
 
@@ -123,7 +125,7 @@ def estimate_known(
     The mode of a row measures it; `moved_by` (..., N) is the mode of the step that leads to it: by default the row's
     own, as in the other filters, while the freeway paper takes that of the row before.
 
-    Raises `UsageError`: DH1105, DH1107 where a shape or a number of a mode does not fit.
+    Raises `UsageError`: DH1105, DH1107 where a shape or a number of a mode does not fit, DH1108.
 
     >>> from deshybrid.stochastic.examples import calm_and_wild
     >>> estimate_known(calm_and_wild(), [[0.1], [0.2]], [0, 0]).mu.tolist()
@@ -134,13 +136,13 @@ def estimate_known(
     moving = known if moved_by is None else _known_modes(system, moved_by, measured.shape[:-1])
     trials, n = measured.shape[:-2], len(system.x)
     x, P = np.broadcast_to(system.x, (*trials, n)), np.broadcast_to(system.P, (*trials, n, n))
-    rows = []
-    for k, (z_row, u_before, u_row) in enumerate(_rows(measured, inputs)):
-        x, P = switching.predict(system, x, P, moving[..., k], u=u_before)
-        done = switching.update(system, x, P, known[..., k], z_row, u=u_row)
-        x, P = done.x, done.P
-        nis = (done.residual * np.linalg.solve(done.S, done.residual[..., None])[..., 0]).sum(axis=-1)
-        rows.append((x, P, np.eye(len(system.modes))[known[..., k]], done.log_likelihood, nis))
+    certain, rows = np.eye(len(system.modes))[known], []
+    with np.errstate(over="ignore", invalid="ignore"):  # `_stacked` looks for what is not finite
+        for k, (z_row, u_before, u_row) in enumerate(_rows(measured, inputs)):
+            x, P = switching.predict(system, x, P, moving[..., k], u=u_before)
+            done = switching.update(system, x, P, known[..., k], z_row, u=u_row)
+            x, P = done.x, done.P
+            rows.append((x, P, certain[..., k, :], done.log_likelihood, gaussian.squared_norm(done.residual, done.S)))
     return _stacked(rows, ~np.isnan(measured) & system.bank.measured[known])
 
 
@@ -180,7 +182,10 @@ def _rows(
 
 
 def _stacked(rows: Sequence[tuple[FloatArray, ...]], seen: NDArray[np.bool_]) -> Estimates:
-    x, P, mu, log_likelihood, nis = (np.stack(column, axis=seen.ndim - 2) for column in zip(*rows, strict=True))
+    columns = [np.stack(column, axis=seen.ndim - 2) for column in zip(*rows, strict=True)]
+    x, P, mu, log_likelihood, nis = columns
+    if not all(np.isfinite(column).all() for column in columns):
+        raise gaussian.overflow()
     return Estimates(x, P, mu, log_likelihood, nis, channels=seen.sum(axis=-1).astype(np.float64))
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import multiple
 from deshybrid.stochastic.belief import Belief, Posterior, read_only
-from deshybrid.stochastic.gaussian import times
+from deshybrid.stochastic.gaussian import squared_norm, times
 from deshybrid.stochastic.system import StochasticSystem
 
 FLOOR = 0.1
@@ -92,8 +92,7 @@ def update_rmimm(
     seen = ~np.isnan(z)[..., None, :] & bank.measured
     residual_mean = np.where(seen, np.einsum("...jip,...i->...jp", ahead, prior.mu), 0.0)
     drift = np.einsum("...jin,...i->...jn", prediction.reached, prior.mu) - prior.x
-    squared = (residual_mean * np.linalg.solve(correction.S, residual_mean[..., None])[..., 0]).sum(axis=-1)
-    weight = -np.log(np.maximum(np.sqrt(squared), FLOOR))
+    weight = -np.log(np.maximum(np.sqrt(squared_norm(residual_mean, correction.S)), FLOOR))
     log_mu, _ = multiple.weighed(prior.log_mu, correction.log_likelihood + weight)
     _, log_likelihood = multiple.weighed(prior.log_mu, correction.log_likelihood)
     posterior = Belief(correction.x, correction.P, log_mu)

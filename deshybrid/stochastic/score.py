@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deshybrid.linear.arrays import FloatArray
+from deshybrid.stochastic.gaussian import squared_norm
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +80,7 @@ def nees(error: ArrayLike, P: ArrayLike) -> FloatArray:
     e, covariance = np.asarray(error, dtype=np.float64), np.asarray(P, dtype=np.float64)
     singular = np.linalg.matrix_rank(covariance, hermitian=True) < e.shape[-1]
     solvable = np.where(np.asarray(singular)[..., None, None], np.eye(e.shape[-1]), covariance)
-    squares: FloatArray = (e * np.linalg.solve(solvable, e[..., None])[..., 0]).sum(axis=-1)
-    return np.where(singular, np.nan, squares)
+    return np.where(singular, np.nan, squared_norm(e, solvable))
 
 
 __all__ = ["Consistency", "Switch", "nees", "switches"]

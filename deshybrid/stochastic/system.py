@@ -28,6 +28,15 @@ def _checked(values: ArrayLike, shape: tuple[int, ...], name: str) -> FloatArray
         raise UsageError(diagnostic("DH1104", f"{name} does not fit: {error}")) from None
 
 
+def _size(values: ArrayLike, axis: int) -> int:
+    """The size along an axis, 1 where there is none; what is no array is refused by the check of its shape."""
+    try:
+        shape = np.shape(values)
+    except ValueError:  # rows of different lengths
+        return 1
+    return shape[axis] if axis < len(shape) else 1
+
+
 def checked_covariance(values: ArrayLike, size: int, name: str) -> FloatArray:
     """Return a symmetric positive semidefinite matrix as a read-only copy; raises `UsageError` (DH1104).
 
@@ -79,9 +88,9 @@ class Mode:
         g: ArrayLike | None = None,
         output_index: Sequence[int] | None = None,
     ) -> None:
-        n, p = len(np.atleast_1d(np.asarray(F))), len(np.atleast_1d(np.asarray(H)))
+        n, p = _size(F, 0), _size(H, 0)
         given = D if B is None else B
-        m = 0 if given is None else np.shape(given)[-1]
+        m = 0 if given is None else _size(given, 1)
         of = f"of mode `{name}`"
         values = {
             "name": name,

@@ -226,3 +226,14 @@ def test_estimate_takes_every_method_of_the_contract():
         assert done.stdout.startswith(HEADER)
         assert f"({method})" in done.stderr
     assert run("estimate", TURN, "--trace", FLIGHT, "--method", "best").returncode == 2
+
+
+@pytest.mark.parametrize("method", ["mmae", "imm", "rmimm", "skf"])
+@pytest.mark.parametrize(
+    "rows", ["0,1e250,calm\n1,1,calm\n", "0,,calm\n" + "".join(f"{k},,calm\n" for k in range(1, 9))]
+)
+def test_numbers_that_overflow_end_in_a_coded_message_and_no_warning(tmp_path, method, rows):
+    text = WALK.replace("A: [[1]]", "A: [[1e20]]") if rows.startswith("0,,") else WALK
+    with pytest.raises(UsageError) as caught:
+        estimate_trace(loads(text), trace(tmp_path, "time,y,true_location\n" + rows), method=method)
+    assert codes(caught) == ["DH1108"]

@@ -43,7 +43,7 @@ def test_a_negative_probability_is_refused():
 @pytest.mark.parametrize(
     ("key", "value"),
     [("F", [[1.0, 2.0]]), ("H", [[1.0, 0.0]]), ("Q", [[-1.0]]), ("R", [[np.nan]]), ("B", [[1.0], [1.0]]),
-     ("f", [1.0, 2.0]), ("output_index", (0, 1)), ("Q", "noise")],
+     ("f", [1.0, 2.0]), ("F", [[1.0], [1.0, 2.0]]), ("B", 1.0), ("output_index", (0, 1)), ("Q", "noise")],
 )  # fmt: skip
 def test_a_matrix_that_does_not_fit_its_mode_is_refused(key, value):
     with pytest.raises(UsageError) as caught:
