@@ -10,7 +10,7 @@ quantiles.
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -42,21 +42,41 @@ class Ratios(NamedTuple):
     seconds: float
 
 
+class RandomPlants(NamedTuple):
+    """A (n, n), C (p, n) and the gain that places the poles, by location, and the resets."""
+
+    A: dict[str, FloatArray]
+    C: dict[str, FloatArray]
+    gains: dict[str, FloatArray]
+    resets: tuple[ErrorReset, ...]
+
+    def loops(self, gains: Mapping[str, FloatArray]) -> ErrorDynamics:
+        """Return the error dynamics with these gains."""
+        return ErrorDynamics(tuple(self.A), {k: A - gains[k] @ self.C[k] for k, A in self.A.items()}, self.resets)
+
+
 def random_observer(seed: int, n: int, graph: str, resets: str, *, locations: int = LOCATIONS) -> ErrorDynamics:
-    """Return error dynamics with placed poles; graph: "full", "cycle", or "sparse" (a cycle with chords)."""
+    """Return error dynamics with placed poles; the arguments are those of `random_plants`."""
+    plants = random_plants(seed, n, graph, resets, locations=locations)
+    return plants.loops(plants.gains)
+
+
+def random_plants(seed: int, n: int, graph: str, resets: str, *, locations: int = LOCATIONS) -> RandomPlants:
+    """Return plants with gains that place poles; graph: "full", "cycle", or "sparse" (a cycle with chords)."""
     rng = np.random.default_rng(seed)
     names = [f"q{k}" for k in range(locations)]
-    matrices = {name: _closed_loop(rng, n) for name in names}
+    drawn = {name: _plant(rng, n) for name in names}
     arcs = {
         "full": [(a, b) for a in names for b in names if a != b],
         "cycle": list(zip(names, names[1:] + names[:1], strict=True)),
         "sparse": [(names[k], names[(k + hop) % locations]) for k in range(locations) for hop in (1, 7)],
     }[graph]
     jumps = tuple(ErrorReset(a, b, RESETS[resets](rng, n), np.zeros(n)) for a, b in arcs)
-    return ErrorDynamics(tuple(names), matrices, jumps)
+    A, C, gains = ({name: parts[k] for name, parts in drawn.items()} for k in range(3))
+    return RandomPlants(A, C, gains, jumps)
 
 
-def _closed_loop(rng: np.random.Generator, n: int) -> FloatArray:
+def _plant(rng: np.random.Generator, n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     A, C = rng.standard_normal((n, n)), rng.standard_normal((1 if n <= 3 else 2, n))
     poles: list[complex] = []
     while len(poles) < n:
@@ -65,7 +85,7 @@ def _closed_loop(rng: np.random.Generator, n: int) -> FloatArray:
             poles += [pole, pole.conjugate()]
         else:
             poles.append(complex(-rng.uniform(0.5, 4)))
-    return np.asarray(A - place_poles(A.T, C.T, np.array(poles)).gain_matrix.T @ C)
+    return A, C, np.asarray(place_poles(A.T, C.T, np.array(poles)).gain_matrix.T)
 
 
 def slowest_pole(dynamics: ErrorDynamics) -> float:

@@ -27,6 +27,7 @@ from deshybrid.model.timing import sampling_step
 from deshybrid.observer import MAX_TABLE
 
 if TYPE_CHECKING:
+    from deshybrid.continuous.average import AverageDwell
     from deshybrid.continuous.certified import Certificate
     from deshybrid.continuous.cycles import DwellLowerLimit
     from deshybrid.continuous.determinability_design import Determined, Stays
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from deshybrid.des.signatures import SignaturePlan
     from deshybrid.detector.candidates import FeasibleCandidate
     from deshybrid.detector.detector import TransitionDetector
-    from deshybrid.linear.arrays import ComplexArray
     from deshybrid.observer.hybrid import HybridObserver
 
 Source: TypeAlias = str | Path | HybridSystem | DES
@@ -143,6 +143,13 @@ class Design(Explained):
             return None
         return known_limit(self.system, self.gains, self.certificates)
 
+    @cached_property
+    def average(self) -> "AverageDwell | None":
+        """The average dwell time that is long enough, found when asked for; of the observer without delay."""
+        from deshybrid.continuous.average import average_dwell_of
+
+        return average_dwell_of(self.system, self.gains) if self.gains and self.certificates else None
+
     @property
     def delay(self) -> float:
         """The detection delay Δ that the certificates assume: the detector's window, 0 without a detector."""
@@ -162,6 +169,7 @@ class Design(Explained):
             lower_limit=self.lower_limit,
             detection_delay=None if self.detector is None else self.detector.detection_delay,
             determined=self.determined,
+            average=self.average,
         )
 
     def __repr__(self) -> str:
@@ -176,23 +184,17 @@ class Design(Explained):
         if self.gains is None:
             return f"{name}: an observer of the location; there is no continuous state"
         lines = [f"{name}: a switching observer with rate {self.gains.rate:g} 1/s, sampled every {self.step:g} s"]
-        for place in self.gains.locations:
-            fixed = _poles(self.gains.fixed_modes[place])
-            text = f"  {place}: poles {_poles(self.gains.eigenvalues[place])}"
-            lines.append(f"{text}; fixed, as no output shows them: {fixed}" if fixed else text)
+        lines += [f"  {line}" for line in self.gains.lines()]
         lines += [f"  {c.theorem}: {'holds' if c.holds else 'does not hold'}: {c.reason}" for c in self.certificates]
         lines += [str(self.determined)] if self.determined else []
         lines += interval_lines(self.certificates, self.lower_limit)
+        lines += [f"  {self.average}"] if self.average else []
         if self.ultimate is not None:
             bound = self.ultimate.value
             lines.append(
                 f"  ultimate bound: {'none' if bound is None else format(bound, '.4g')} ({self.ultimate.reason})"
             )
         return "\n".join(lines)
-
-
-def _poles(values: "ComplexArray") -> str:
-    return ", ".join(f"{pole.real:.4g}{pole.imag:+.4g}j" if pole.imag else f"{pole.real:.4g}" for pole in values)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -304,9 +306,8 @@ def design(
 ) -> Design:
     """Design detector and gains, and certify them for the stated rate (1/s) and dwell time (s).  Stages 7 and 8.
 
-    Arguments override what the model's `observer` section says; `method`: placed poles, filters, or gains and forms
-    together (extra `lmi`), of which the better is kept.  Source: Balluchi et al. (2012), Theorems 6 and 7.
-    Raises `UsageError` (DH0306) for a model without continuous state.
+    Arguments override what the model's `observer` section says; for `method` see `deshybrid.continuous.methods`.
+    Raises `UsageError` (DH0306) for a model without continuous state.  Source: Balluchi et al. (2012), Theorems 6, 7.
 
     >>> made = design("models/two_tank.yaml")
     >>> made.gains.locations, made.certified

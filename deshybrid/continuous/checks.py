@@ -3,7 +3,7 @@
 In: a system and the Kalman split of a location.  Out: diagnostics DH0502 to DH0513; explanations in `explanations/05`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import inf, isfinite
 
 import numpy as np
@@ -21,6 +21,8 @@ STABLE = 1e-9
 """A mode counts as decaying if its rate exceeds this share of the size of the location's matrix."""
 ROOM = 0.95
 """A rate above this share of the slowest fixed mode's is out of reach."""
+FAINT = 1e-5
+"""A mode of which outputs show a smaller share than this is named in a warning."""
 INVOLVED = 0.1
 """A state is named with a mode if its share of the mode's eigenvector, in scaled units, exceeds this."""
 
@@ -80,6 +82,28 @@ def cap_warning(system: HybridSystem, name: str, split: KalmanSplit, requested: 
     )
 
 
+def faint_warning(system: HybridSystem, name: str, split: KalmanSplit) -> tuple[Diagnostic, ...]:
+    """Return a warning (DH0515) if the outputs of this location barely show some mode.
+
+    Measured by Popov, Belevitch and Hautus: the least singular value of [A - λ I; C] over the modes λ, for balanced
+    states, ‖A‖ = 1 and rows of C of unit length.
+    """
+    A, C = split.A_o, split.C_o
+    size, rows = float(np.linalg.norm(A, 2)) if A.size else 0.0, np.linalg.norm(C, axis=1)
+    if size == 0.0 or not rows.any():
+        return ()
+    seen = C[rows > 0] / rows[rows > 0][:, None]
+    for mode in sorted_spectrum(A):
+        block = np.vstack([(A - mode * np.eye(len(A))) / size, seen])
+        shown = float(np.linalg.svd(block, compute_uv=False).min())
+        if shown < FAINT:
+            location = system.location(name)
+            message = f"outputs of `{name}` barely show the mode {_number(mode)}: {shown:.1g} of what they could show"
+            helps = ("expect large gains, or measure something that moves with this mode",)
+            return (diagnostic("DH0515", message, location.span, helps=helps, severity="warning"),)
+    return ()
+
+
 def spread_warning(location: Location, poles: ComplexArray) -> Diagnostic:
     """Return the warning (DH0506) that repeated poles were moved apart."""
     used = ", ".join(_number(pole) for pole in poles)
@@ -106,9 +130,15 @@ def unplaced_warning(location: Location, poles: ComplexArray, fixed: ComplexArra
 
 
 def loop_problems(
-    system: HybridSystem, loops: Mapping[str, FloatArray], spectra: Mapping[str, ComplexArray]
+    system: HybridSystem,
+    loops: Mapping[str, FloatArray],
+    spectra: Mapping[str, ComplexArray],
+    warnings: Sequence[Diagnostic] = (),
 ) -> list[Diagnostic]:
-    """Return an error (DH0504) for every location whose closed loop does not decay."""
+    """Return an error (DH0504) for every location whose closed loop does not decay, beyond what rounding may hide.
+
+    Warnings (DH0515) that outputs barely show a mode are repeated as notes, as they tell why.
+    """
     found = []
     for name, values in spectra.items():
         rate = decay_rate(values, system.time_step)
@@ -121,6 +151,7 @@ def loop_problems(
                 "DH0504",
                 f"{given} leaves the observer of `{name}` unstable: eigenvalue {worst}",
                 system.location(name).span,
+                notes=tuple(d.message for d in warnings if d.code == "DH0515" and f"`{name}`" in d.message),
                 helps=("every eigenvalue of A - G C must decay; remove the gain to have one designed",),
             )
         )
@@ -207,6 +238,7 @@ def _number(value: complex) -> str:
 
 __all__ = [
     "cap_warning",
+    "faint_warning",
     "gain_problems",
     "is_detectable",
     "loop_problems",

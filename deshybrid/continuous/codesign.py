@@ -156,10 +156,12 @@ def _step(plant: GainPlant, point: Point, caps: Mapping[str, float], radius: flo
         return None, False
     gains = {name: _capped(gain, caps.get(name)) for name, gain in wish.gains.items()}
     problem = FormProblem(plant.loops(gains), 1, point.frames)
-    for share in SHARES:
-        dwell = plant.shorter(point.dwell, share * wish.change)
+    dwells = [plant.shorter(point.dwell, share * wish.change) for share in SHARES]
+    if plant.step is not None:
+        dwells.append(point.dwell)  # several moves together may be worth a whole step
+    for dwell in dwells:
         if problem.solve(plant.stays(dwell)) is not None:
-            return Point(gains, dwell, problem.frames()), share == SHARES[0]
+            return Point(gains, dwell, problem.frames()), dwell == dwells[0]
     return None, False
 
 

@@ -11,6 +11,7 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
+from deshybrid.continuous.average import AverageDwell
 from deshybrid.continuous.certified import Certificate, dwell_gap, is_certified, least_required
 from deshybrid.continuous.cycles import DwellLowerLimit, WitnessCycle
 from deshybrid.continuous.determinability_design import Determined
@@ -32,6 +33,7 @@ def design_document(
     lower_limit: DwellLowerLimit | None = None,
     detection_delay: Mapping[str, float | None] | None = None,
     determined: Determined | None = None,
+    average: AverageDwell | None = None,
 ) -> dict[str, object]:
     """Return the design as a JSON tree; keys as in the documentation of `design`, in that order, extras after them.
 
@@ -54,6 +56,7 @@ def design_document(
         "determinability": None if determined is None else determined.record(alone),
         "theorem_2": theorem_2(error_dynamics(system, gains.gains), gains.dwell).record(),
         "gap": _finite(dwell_gap(certificates, lower_limit)),
+        "average_dwell": None if average is None else average.record(),
         "rate": gains.rate,
         "requested_rate": gains.requested_rate,
         "method": gains.method,

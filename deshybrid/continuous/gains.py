@@ -25,6 +25,7 @@ import numpy as np
 
 from deshybrid.continuous.checks import (
     cap_warning,
+    faint_warning,
     gain_problems,
     loop_problems,
     loop_warnings,
@@ -75,6 +76,14 @@ class ObserverGains:
     requested_rate: float
     dwell: float | None
     warnings: tuple[Diagnostic, ...] = ()
+
+    def lines(self) -> list[str]:
+        """Return the poles of every location in words, and its fixed modes."""
+        made = []
+        for name in self.locations:
+            text, fixed = f"{name}: poles {_poles(self.eigenvalues[name])}", _poles(self.fixed_modes[name])
+            made.append(f"{text}; fixed, as no output shows them: {fixed}" if fixed else text)
+        return made
 
 
 def design_gains(
@@ -130,7 +139,7 @@ def design_gains(
         plan = replace(plan, scale=best_scale(loops, plan.scale, plan.certified))
         found = {name: _gain(plan, name, method) for name in locations}
     made = analysed(plan, found, method)
-    raise_all(loop_problems(system, made.closed_loop, made.eigenvalues), GainError)
+    raise_all(loop_problems(system, made.closed_loop, made.eigenvalues, made.warnings), GainError)
     return made
 
 
@@ -211,7 +220,7 @@ FoundGain: TypeAlias = tuple[FloatArray, GainSource, tuple[Diagnostic, ...]]
 
 def _gain(plan: GainPlan, name: str, method: Literal["place", "lqe"]) -> FoundGain:
     system, task = plan.system, _task(plan, name)
-    warning = cap_warning(system, name, task.split, task.rate)
+    warning = cap_warning(system, name, task.split, task.rate) + faint_warning(system, name, task.split)
     if name in system.observer.gains:
         return system.observer.gains[name], "model gains", warning
     if name not in system.observer.poles:
@@ -281,6 +290,10 @@ def with_gains(
     other = analysed(plan, found, method)
     told = tuple(warning for warning in made.warnings if warning.code != "DH0510")
     return replace(other, warnings=(*told, *other.warnings))
+
+
+def _poles(values: ComplexArray) -> str:
+    return ", ".join(f"{pole.real:.4g}{pole.imag:+.4g}j" if pole.imag else f"{pole.real:.4g}" for pole in values)
 
 
 def _eigen(F: FloatArray, scale: FloatArray) -> tuple[ComplexArray, ComplexArray, float]:

@@ -22,7 +22,7 @@ from deshybrid.continuous.conic import require_solver
 from deshybrid.continuous.dwell import required_dwell
 from deshybrid.continuous.error import error_dynamics, state_scale
 from deshybrid.continuous.gains import Method, ObserverGains, design_gains, with_gains
-from deshybrid.continuous.lmi import InequalityCertificate, certify_by_inequalities
+from deshybrid.continuous.lmi import certify_by_inequalities
 from deshybrid.continuous.lqe import error_variance, location_noise
 from deshybrid.diagnostics import diagnostic
 from deshybrid.model.system import HybridSystem
@@ -95,13 +95,17 @@ def _together_or_placed(
 ) -> ObserverGains:
     least = _shortest_stays(system, placed, delay)
     free = {name: placed.gains[name] for name, source in placed.sources.items() if source == "search"}
-    start = filtered if _is_smaller(placed, filtered, tuple(free)) else placed
-    gains = codesigned(system, start.gains, free, scale=placed.scale, rate=placed.rate, least=least)
-    made = with_gains(system, placed, gains, dict.fromkeys(free, "lmi"), method="lmi")
-    old, new = (_certificate(system, entry, delay) for entry in (placed, made))
-    if new.required_dwell < old.required_dwell:
-        return made
-    shown = _seconds(old.required_dwell) if old.required_dwell > 0 else "any stay"
+    starts = [placed, filtered] if _is_smaller(placed, filtered, tuple(free)) else [placed]
+    best, required = placed, _required_by_forms(system, placed, delay)
+    for start in starts:
+        gains = codesigned(system, start.gains, free, scale=placed.scale, rate=placed.rate, least=least)
+        made = with_gains(system, placed, gains, dict.fromkeys(free, "lmi"), method="lmi")
+        need = _required_by_forms(system, made, delay)
+        if need < required:
+            best, required = made, need
+    if best is not placed:
+        return best
+    shown = _seconds(required) if required > 0 else "any stay"
     return _kept(placed, "lmi", f"they are certified for {shown}, and nothing shorter was found")
 
 
@@ -119,10 +123,11 @@ def _shortest_stays(system: HybridSystem, gains: ObserverGains, delay: float) ->
     return {name: max(0.0, stay - delay) for name, stay in stated.items() if stay is not None}
 
 
-def _certificate(system: HybridSystem, gains: ObserverGains, delay: float) -> InequalityCertificate:
+def _required_by_forms(system: HybridSystem, gains: ObserverGains, delay: float) -> float:
+    """The dwell time (s) that forms of any affordable degree prove to be enough."""
     least = _shortest_stays(system, gains, 0.0)
     dynamics = error_dynamics(system, gains.gains)
-    return certify_by_inequalities(dynamics, rate=gains.rate, dwell=gains.dwell, delay=delay, least=least)
+    return certify_by_inequalities(dynamics, rate=gains.rate, delay=delay, least=least).required_dwell
 
 
 def _kept(placed: ObserverGains, method: Method, why: str) -> ObserverGains:

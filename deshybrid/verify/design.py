@@ -29,6 +29,7 @@ from deshybrid.linear.exact import (
     scaled,
     transposed,
 )
+from deshybrid.verify.average import average_checks
 from deshybrid.verify.contraction import contraction_checks
 from deshybrid.verify.design_file import (
     Claim,
@@ -74,6 +75,7 @@ def verify_design(document: Mapping[str, object]) -> VerifyReport:
     forms, boxes = read_forms(document, plant), read_contractions(document, plant)
     checks += [Check(c.name, *said) for c in forms if isinstance(c, FormClaim) for said in form_checks(plant, c)]
     checks += [Check(c.name, *said) for c in boxes if not isinstance(c, str) for said in contraction_checks(plant, c)]
+    checks += [Check("average dwell time", *said) for said in average_checks(document, plant, summary.rate)]
     if checks:
         checks += [Check("design", *said) for said in _summary_checks(plant, claims, forms, summary)]
         checks += [Check("design", *said) for said in limit_checks(document, plant, summary.rate)]

@@ -199,3 +199,24 @@ def test_bad_pairs_end_with_decaying_errors_or_a_coded_reason(pair: str, method:
             return
         values = gains_by_method(system, ("p",), rate=0.5, method=method).eigenvalues["p"]
     assert values.real.max() < 0 if step is None else np.abs(values).max() < 1
+
+
+def test_a_mode_that_outputs_barely_show_is_named() -> None:
+    system = switched({"p": linear([[-1, 0], [0, -2]], [[1, 1e-7]])}, [("p", "p", None)])
+    made = gains_by_method(system, ("p",), rate=0.5)
+    assert [(warning.code, "mode -2" in warning.message) for warning in made.warnings] == [("DH0515", True)]
+
+
+def test_units_far_apart_are_no_reason_to_say_that_a_mode_barely_shows() -> None:
+    units = np.array([1e-5, 1e4])
+    A, C = np.array([[0, 1], [-2, -3]]) * units / units[:, None], np.array([[1, 0]]) * units
+    made = gains_by_method(switched({"p": linear(A, C)}, [("p", "p", None)]), ("p",), rate=0.5)
+    assert made.warnings == ()
+
+
+def test_a_gain_that_fails_for_a_mode_that_barely_shows_says_so() -> None:
+    system = switched({"p": linear([[-1, 0], [0, 0.5]], [[1, 1e-9]])}, [("p", "p", None)])
+    with pytest.raises(GainError) as error:
+        gains_by_method(system, ("p",), rate=0.5)
+    assert error.value.diagnostics[0].code == "DH0504"
+    assert any("barely show the mode 0.5" in note for note in error.value.diagnostics[0].notes)
