@@ -183,6 +183,16 @@ def test_design_tells_the_keys_of_the_contract() -> None:
     assert record["dwell_lower_limit"] <= record["required_dwell"]
 
 
+@pytest.mark.parametrize("method", ["place", "lqe", "lmi"])
+def test_design_says_by_which_method_gains_were_found(method: str) -> None:
+    done = deshybrid("design", "models/two_tank.yaml", "--method", method, "--json")
+    record = json.loads(done.stdout)
+    assert (done.returncode, record["method"]) == (0, method)
+    assert record["gain_sources"]["drain"] == ("lqe" if method == "lqe" else "search")
+    assert ("DH0519" in done.stderr) == (method == "lmi")
+    assert record["average_dwell"]["rate"] == record["rate"]
+
+
 def test_design_of_a_discrete_model_is_a_wrong_call() -> None:
     done = deshybrid("design", FIG2)
     assert done.returncode == 2
