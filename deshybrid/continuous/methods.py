@@ -14,6 +14,7 @@ and is not kept leaves a warning.
 
 from dataclasses import dataclass, replace
 from math import isfinite
+from typing import get_args
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from deshybrid.continuous.error import error_dynamics, state_scale
 from deshybrid.continuous.gains import Method, ObserverGains, design_gains, with_gains
 from deshybrid.continuous.lmi import certify_by_inequalities
 from deshybrid.continuous.lqe import error_variance, location_noise
-from deshybrid.diagnostics import diagnostic
+from deshybrid.diagnostics import GainError, UsageError, diagnostic
 from deshybrid.model.system import HybridSystem
 
 
@@ -39,19 +40,29 @@ def gains_by_method(
 ) -> ObserverGains:
     """Return the gains of `locations` by this method, or placed poles where these are better.
 
-    Parameters and errors are those of `design_gains`; `lmi` raises `UsageError` (DH0518) without its solver.
+    Parameters and errors are those of `design_gains`; `UsageError` besides: DH0508 for a method that does not exist,
+    DH0518 for `lmi` without its solver.
 
     >>> from deshybrid.model.load import load
     >>> made = gains_by_method(load("models/two_tank.yaml"), ("fill", "drain"), method="lqe")
     >>> made.method, dict(made.sources)
     ('lqe', {'fill': 'model poles', 'drain': 'lqe'})
     """
+    if method not in get_args(Method):
+        raise UsageError(
+            diagnostic("DH0508", f"`{method}` is no way to gains; there are {', '.join(get_args(Method))}")
+        )
     if method == "lmi":
         require_solver()
     placed = design_gains(system, locations, rate=rate, dwell=dwell, delay=delay)
     if method == "place" or "search" not in placed.sources.values():
         return replace(placed, method=method)
-    filtered = design_gains(system, locations, rate=rate, dwell=dwell, delay=delay, method="lqe")
+    try:
+        filtered = design_gains(system, locations, rate=rate, dwell=dwell, delay=delay, method="lqe")
+    except GainError as error:
+        if method == "lqe":
+            return _kept(placed, "lqe", error.diagnostics[0].message)
+        filtered = placed
     if method == "lqe":
         return _filter_or_placed(system, placed, filtered, delay)
     return _together_or_placed(system, placed, filtered, delay)

@@ -7,7 +7,7 @@ import control
 import numpy as np
 import pytest
 
-from deshybrid.continuous import conic
+from deshybrid.continuous import conic, lqe
 from deshybrid.continuous.certified import paper_certificates
 from deshybrid.continuous.document import design_document
 from deshybrid.continuous.dwell import required_dwell
@@ -159,6 +159,19 @@ def test_a_co_design_without_the_solver_says_what_to_install(monkeypatch: pytest
     monkeypatch.setattr(conic, "has_solver", lambda: False)
     with pytest.raises(UsageError, match="DH0518"):
         gains_by_method(twin(), BOTH, method="lmi")
+
+
+def test_a_method_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(UsageError, match="DH0508"):
+        gains_by_method(twin(), BOTH, method="best")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("method", ["lqe", "lmi"])
+def test_placed_poles_are_kept_where_no_filter_is_found(method: Method, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lqe, "filter_gain", lambda *arguments, **options: None)
+    made = gains_by_method(twin(), BOTH, rate=0.5, method=method)
+    assert made.sources["p"] == ("search" if method == "lqe" else "lmi")
+    assert [warning.code for warning in made.warnings] == (["DH0519"] if method == "lqe" else [])
 
 
 def test_the_co_design_is_the_same_every_time() -> None:
