@@ -1,13 +1,13 @@
 """The command `estimate`: a stochastic model and a trace in, the filter's estimates and their score out.
 
 The columns `true_location` and `true_<state>` of a trace are read for the score only; `skf` alone, whose mode is known
-by definition, takes it from `true_location`.  A model in continuous time is sampled at its `observer: step`, else at
-the mean distance of the trace's rows, which must then be equally spaced.
+by definition, takes it from `true_location`.  A model in continuous time is sampled at the mean distance of the
+trace's rows, which must be equally spaced.
 
 One step a row.  Source: Hwang et al. (2006), section 3.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -16,10 +16,10 @@ import numpy as np
 
 from deshybrid.compiler import Source, to_hybrid
 from deshybrid.diagnostics import TraceError, diagnostic
-from deshybrid.model.system import HybridSystem
+from deshybrid.model.system import HybridSystem, ObserverOptions
 from deshybrid.simulate.table import decode, read_bytes
 from deshybrid.simulate.trace import Trace, parse_trace, quoted, shortest
-from deshybrid.stochastic.from_model import stochastic_system
+from deshybrid.stochastic.from_model import require_stochastic, stochastic_system
 from deshybrid.stochastic.record import Estimates, estimate, estimate_known
 from deshybrid.stochastic.score import Consistency, Switch, nees, switches
 from deshybrid.stochastic.system import StochasticSystem
@@ -146,6 +146,7 @@ def estimate_trace(source: Source, trace: str | Path, *, method: EstimateMethod 
     ('CV', 'CV')
     """
     model = to_hybrid(source)
+    require_stochastic(model)
     name, data = read_bytes(trace)
     samples, step = _read_trace(decode(name, data), model, name)
     system = stochastic_system(model, step=step)
@@ -155,14 +156,15 @@ def estimate_trace(source: Source, trace: str | Path, *, method: EstimateMethod 
     return Estimation(samples, system, method, estimate(system, z, u, method=method))
 
 
-def _read_trace(text: str, model: HybridSystem, name: str) -> tuple[Trace, float]:
-    """The trace, its rows checked against the step of the model, or against their own mean distance."""
-    step = model.time_step or model.observer.step
-    samples = parse_trace(text, model, step=step, name=name)
-    if step is None and len(samples) > 1:
-        step = float(samples.time[-1] - samples.time[0]) / (len(samples) - 1)
-        samples = parse_trace(text, model, step=step, name=name)
-    return samples, step or 1.0
+def _read_trace(text: str, model: HybridSystem, name: str) -> tuple[Trace, float | None]:
+    """The trace and its step: that of the model in discrete time, else the mean distance of its rows."""
+    if model.time_step is not None:
+        return parse_trace(text, model, step=model.time_step, name=name), model.time_step
+    samples = parse_trace(text, replace(model, observer=ObserverOptions()), name=name)
+    if len(samples) < 2:
+        return samples, None
+    step = float(samples.time[-1] - samples.time[0]) / (len(samples) - 1)
+    return parse_trace(text, model, step=step, name=name), step
 
 
 def _known(samples: Trace) -> list[int]:

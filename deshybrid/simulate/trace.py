@@ -326,5 +326,5 @@ def _time_mistakes(table: Table, column: int, time: FloatArray, step: float | No
 
 
 def _uneven(place: Span, text: str) -> Diagnostic:
-    helps = ("resample the trace, or give its step with `--step` or as `observer: {step: ...}` in the model",)
+    helps = ("resample the trace, or state its step: in the model, or to `run` by `--step`",)
     return diagnostic("DH0322", text, place, "out of place by more than jitter", helps=helps)

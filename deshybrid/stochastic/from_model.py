@@ -10,7 +10,7 @@ One matrix exponential a mode.  Source: Hwang et al. (2006), (1) and (2); Van Lo
 
 import numpy as np
 
-from deshybrid.diagnostics import Diagnostic, ModelError, UsageError, diagnostic
+from deshybrid.diagnostics import Diagnostic, ModelError, UsageError, diagnostic, raise_all
 from deshybrid.linear.sampling import sample_covariance, sample_dynamics
 from deshybrid.model.system import HybridSystem, Location
 from deshybrid.stochastic.system import Mode, ModeTransition, StochasticSystem
@@ -28,13 +28,13 @@ def stochastic_system(system: HybridSystem, *, step: float | None = None) -> Sto
     >>> stochastic_system(load("models/hwang2006/turn.yaml")).names
     ('CV', 'CT')
     """
-    if system.is_discrete:
-        raise UsageError(diagnostic("DH0306", f"model `{system.name}` has no continuous state, so nothing to filter"))
+    require_stochastic(system)
     if system.time_step is None and step is None:
-        raise UsageError(diagnostic("DH0601", "a model in continuous time is filtered at a step, and none was given"))
-    missing, prior, chain = _lacking(system), system.prior, system.probability_from_to
-    if missing or prior is None or prior.mean is None or prior.covariance is None or chain is None:
-        raise ModelError(*missing)
+        text = "a model in continuous time is filtered at a step, which takes a trace of two rows or more"
+        raise UsageError(diagnostic("DH0601", text))
+    prior, chain = system.prior, system.probability_from_to
+    if prior is None or prior.mean is None or prior.covariance is None or chain is None:
+        raise ModelError(*_lacking(system))
     names = tuple(location.name for location in system.locations)
     transition = ModeTransition.from_rows(names, [[chain[i].get(j, 0.0) for j in names] for i in names])
     given = prior.probability or {name: 1.0 / len(system.initial) for name in system.initial}
@@ -42,6 +42,17 @@ def stochastic_system(system: HybridSystem, *, step: float | None = None) -> Sto
     modes = [_mode(location, inputs, None if system.time_step else step) for location in system.locations]
     mu = [given.get(name, 0.0) for name in names]
     return StochasticSystem(modes, transition, x=prior.mean, P=prior.covariance, mu=mu)
+
+
+def require_stochastic(system: HybridSystem) -> None:
+    """Raise what `stochastic_system` raises of the model itself: DH0306, or DH1101 for every part that is missing.
+
+    >>> from deshybrid.model.load import load
+    >>> require_stochastic(load("models/hwang2006/turn.yaml"))
+    """
+    if system.is_discrete:
+        raise UsageError(diagnostic("DH0306", f"model `{system.name}` has no continuous state, so nothing to filter"))
+    raise_all(_lacking(system), ModelError)
 
 
 def _lacking(system: HybridSystem) -> list[Diagnostic]:
@@ -88,4 +99,4 @@ def _mode(location: Location, inputs: int, step: float | None) -> Mode:
     )
 
 
-__all__ = ["stochastic_system"]
+__all__ = ["require_stochastic", "stochastic_system"]

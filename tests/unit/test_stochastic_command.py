@@ -237,3 +237,17 @@ def test_numbers_that_overflow_end_in_a_coded_message_and_no_warning(tmp_path, m
     with pytest.raises(UsageError) as caught:
         estimate_trace(loads(text), trace(tmp_path, "time,y,true_location\n" + rows), method=method)
     assert codes(caught) == ["DH1108"]
+
+
+def test_what_the_model_lacks_is_told_before_the_trace_is_read(tmp_path):
+    done = run("estimate", ROOT / "models/balluchi2012/driveline.yaml", "--trace", tmp_path / "none.csv")
+    assert done.returncode == 2
+    assert "DH1101" in done.stderr
+    assert "DH0310" not in done.stderr
+
+
+def test_one_row_in_continuous_time_has_no_step_and_is_refused(tmp_path):
+    text = WALK.replace("time: {step: 1}\n", "").replace("A: [[1]]", "A: [[0]]")
+    with pytest.raises(UsageError) as caught:
+        estimate_trace(loads(text), trace(tmp_path, "time,y\n0,1\n"))
+    assert codes(caught) == ["DH0601"]
