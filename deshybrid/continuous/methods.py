@@ -49,9 +49,7 @@ def gains_by_method(
     ('lqe', {'fill': 'model poles', 'drain': 'lqe'})
     """
     if method not in get_args(Method):
-        raise UsageError(
-            diagnostic("DH0508", f"`{method}` is no way to gains; there are {', '.join(get_args(Method))}")
-        )
+        raise UsageError(diagnostic("DH0508", f"unknown method `{method}`", helps=("write place, lqe or lmi",)))
     if method == "lmi":
         require_solver()
     placed = design_gains(system, locations, rate=rate, dwell=dwell, delay=delay)
@@ -106,7 +104,9 @@ def _together_or_placed(
 ) -> ObserverGains:
     least = _shortest_stays(system, placed, delay)
     free = {name: placed.gains[name] for name, source in placed.sources.items() if source == "search"}
-    starts = [placed, filtered] if _is_smaller(placed, filtered, tuple(free)) else [placed]
+    starts = [placed]
+    if filtered is not placed and _is_smaller(placed, filtered, tuple(free)):
+        starts.append(filtered)
     best, required = placed, _required_by_forms(system, placed, delay)
     for start in starts:
         gains = codesigned(system, start.gains, free, scale=placed.scale, rate=placed.rate, least=least)
