@@ -43,9 +43,13 @@ def flow_and_integral(A: FloatArray, inputs: FloatArray, step: float) -> tuple[F
             whole = np.full(block.shape, np.inf)
         flow, integral = whole[:n, :n] * scale[:, None] / scale, whole[:n, n:] * scale[:, None] * units
     if not (np.isfinite(flow).all() and np.isfinite(integral).all()):
-        text = f"a step of {step:g} s is too long: the exponential of the dynamics over it overflows"
-        raise UsageError(diagnostic("DH0514", text, helps=("choose a shorter step, or check the units in `A`",)))
+        raise _too_long(step)
     return flow, integral
+
+
+def _too_long(step: float) -> UsageError:
+    text = f"a step of {step:g} s is too long: the exponential of the dynamics over it overflows"
+    return UsageError(diagnostic("DH0514", text, helps=("choose a shorter step, or check the units in `A`",)))
 
 
 def sample_dynamics(dynamics: LinearDynamics, step: float) -> LinearDynamics:
@@ -102,15 +106,17 @@ def sample_covariance(A: FloatArray, intensity: FloatArray, step: float) -> Floa
     from scipy.linalg import expm
 
     n = A.shape[0]
-    flow_and_integral(A, np.zeros((n, 0)), step)  # refuses a step that is too long
     doublings = max(0, int(np.ceil(np.log2(max(1.0, float(np.abs(A).sum(axis=1).max(initial=0.0)) * step)))))
     block = np.block([[-A, intensity], [np.zeros((n, n)), A.T]])
     whole = expm(block * (step / 2.0**doublings))
     flow = whole[n:, n:].T
     covariance = flow @ whole[:n, n:]
-    for _ in range(doublings):
-        covariance = covariance + flow @ covariance @ flow.T
-        flow = flow @ flow
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(doublings):
+            covariance = covariance + flow @ covariance @ flow.T
+            flow = flow @ flow
+    if not np.isfinite(covariance).all():
+        raise _too_long(step)
     return frozen_array(0.5 * (covariance + covariance.T), (n, n))
 
 

@@ -139,3 +139,10 @@ def test_band_of_a_sum_of_squares_is_that_of_the_chi_square_table():
 def test_nees_of_a_singular_covariance_is_not_a_number():
     assert np.isnan(nees([1.0, 1.0], [[1.0, 0.0], [0.0, 0.0]]))
     assert nees([1.0, 2.0], np.diag([1.0, 4.0])) == pytest.approx(2.0)
+
+
+def test_noise_that_an_unstable_mode_blows_up_beyond_all_numbers_is_refused():
+    """e^{500} has a number, its square has none."""
+    with pytest.raises(UsageError) as caught:
+        sample_covariance(np.array([[500.0]]), np.ones((1, 1)), 1.0)
+    assert code(caught) == "DH0514"
