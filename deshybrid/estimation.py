@@ -7,6 +7,7 @@ trace's rows, which must be equally spaced.
 One step a row.  Source: Hwang et al. (2006), section 3.
 """
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -75,12 +76,13 @@ class Estimation:
         errors = self.estimates.x - self.trace.true_state
         known_rows = ~np.isnan(errors)
         rms = tuple(
-            (name, float(np.sqrt(np.mean(errors[known_rows[:, i], i] ** 2))))
+            (name, math.hypot(*errors[known_rows[:, i], i].tolist()) / math.sqrt(known_rows[:, i].sum()))
             for i, name in enumerate(names)
             if known_rows[:, i].any()
         )
         whole = known_rows.all(axis=1)
-        squares = nees(errors[whole], self.estimates.P[whole])
+        with np.errstate(over="ignore", invalid="ignore"):  # a truth beyond all numbers has no NEES
+            squares = nees(errors[whole], self.estimates.P[whole])
         return Truth(right, found, rms, float(squares.mean()) if squares.size and np.isfinite(squares).all() else None)
 
     def record(self) -> dict[str, object]:

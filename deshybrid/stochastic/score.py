@@ -12,6 +12,7 @@ Source: Hwang et al. (2006), section 4.3 (delays); Bar-Shalom, Li and Kirubaraja
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,7 +40,7 @@ def switches(true: Sequence[str | None], estimated: Sequence[str]) -> tuple[Swit
         raise ValueError(f"{len(true)} true and {len(estimated)} estimated modes")
     starts = [k for k in range(1, len(true)) if true[k] != true[k - 1]]
     found = []
-    for start, end in zip(starts, [*starts[1:], len(true)], strict=True):
+    for start, end in pairwise([*starts, len(true)]):
         mode, before = true[start], true[start - 1]
         if mode is None or before is None:
             continue

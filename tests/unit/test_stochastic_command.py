@@ -251,3 +251,22 @@ def test_one_row_in_continuous_time_has_no_step_and_is_refused(tmp_path):
     with pytest.raises(UsageError) as caught:
         estimate_trace(loads(text), trace(tmp_path, "time,y\n0,1\n"))
     assert codes(caught) == ["DH0601"]
+
+
+@pytest.mark.parametrize("rows", [1, 20], ids=["one row", "many rows"])
+def test_a_flight_without_any_switch_is_scored(tmp_path, rows):
+    straight = trace(tmp_path, "\n".join(FLIGHT.read_text().splitlines()[: 1 + rows]) + "\n")
+    done = run("estimate", TURN, "--trace", straight, "-o", tmp_path / "out.csv")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert estimate_trace(TURN, straight).truth.switches == ()
+
+
+def test_a_true_state_of_absurd_size_is_scored_without_overflow(tmp_path):
+    lines = FLIGHT.read_text().splitlines()
+    cells = lines[5].split(",")
+    lines[5] = ",".join([*cells[:5], "1e308", *cells[6:]])
+    done = run("estimate", TURN, "--trace", trace(tmp_path, "\n".join(lines) + "\n"), "--json")
+    assert done.returncode == 0
+    score = json.loads(done.stderr)["score"]
+    assert score["rms"]["x1"] == pytest.approx(1e308 / np.sqrt(100), rel=1e-12)
+    assert score["nees"] is None
