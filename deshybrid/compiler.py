@@ -186,7 +186,7 @@ class Design(Explained):
         lines = [f"{name}: a switching observer with rate {self.gains.rate:g} 1/s, sampled every {self.step:g} s"]
         lines += [f"  {line}" for line in self.gains.lines()]
         lines += [f"  {c.theorem}: {'holds' if c.holds else 'does not hold'}: {c.reason}" for c in self.certificates]
-        lines += [str(self.determined)] if self.determined else []
+        lines += str(self.determined).splitlines() if self.determined else []
         lines += interval_lines(self.certificates, self.lower_limit)
         lines += [f"  {self.average}"] if self.average else []
         if self.ultimate is not None:

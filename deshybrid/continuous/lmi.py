@@ -158,7 +158,7 @@ def certify_by_inequalities(
         matrices=dynamics.matrices,
         step=dynamics.step,
         limit=found.limit,
-        reason=_reason(found, required, stated, holds=holds),
+        reason=_reason(found, required, stated, delay, holds=holds),
     )
 
 
@@ -338,11 +338,12 @@ def _is_affordable(dynamics: ErrorDynamics, degree: int) -> bool:
     return packed**2 * (2 * len(dynamics.locations) + len(dynamics.resets)) <= AFFORDABLE
 
 
-def _reason(found: Found, required: float, dwell: float, *, holds: bool) -> str:
+def _reason(found: Found, required: float, dwell: float, delay: float, *, holds: bool) -> str:
     if found.forms is None:
         return "no forms were found that prove this rate for any dwell time"
     if found.stay == 0.0:
-        return "any stay that the model allows is long enough"
+        longer = f" that is longer than the detection delay {delay:.6g} s" if delay else ""
+        return f"any stay that the model allows is long enough{longer}"
     what = f"forms of degree {2 * found.forms.degree} prove {required:.6g} s"
     cycle = found.limit.cycle
     said = f"; the cycle {' -> '.join(cycle.locations)} rules out stays of {found.limit.value:.6g} s" if cycle else ""
