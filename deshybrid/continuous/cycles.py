@@ -154,8 +154,8 @@ class _Shifted:
             if step is None:
                 found = expm((F + self.rate * np.eye(len(F))) * durations[:, None, None])
             else:
-                powers = [np.linalg.matrix_power(F, round(float(t) / step)) * exp(self.rate * t) for t in durations]
-                found = np.array(powers)
+                shifted = F * exp(self.rate * step)  # before the power: e^{μ t} alone may be beyond all numbers
+                found = np.array([np.linalg.matrix_power(shifted, round(float(t) / step)) for t in durations])
             self._flows[key] = np.asarray(found)
         return self._flows[key]
 

@@ -106,6 +106,18 @@ def outer_set(shape: FloatArray, known: Levels) -> Outer:
     return Outer(rows, known(rows), None, np.linalg.inv(frames))
 
 
+def _solid(known: Mapping[str, Levels], n: int) -> Mapping[str, Levels]:
+    """Return what is known, with a sliver where a set is flat along an axis: a polytope has an interior."""
+    lengths = {name: levels(np.eye(n)) for name, levels in known.items()}
+    longest = np.max(list(lengths.values()), axis=0)
+    sliver = FLOOR * np.where(longest > 0, longest, longest.max())
+
+    def thicker(levels: Levels) -> Levels:
+        return lambda rows: levels(rows) + np.abs(rows) @ sliver
+
+    return {name: levels if lengths[name].all() else thicker(levels) for name, levels in known.items()}
+
+
 def entry_sets(
     flows: Mapping[str, Flow],
     exits: Mapping[str, tuple[Mismatch, ...]],
@@ -119,7 +131,8 @@ def entry_sets(
     """
     times = {name: times_from(flow, beta[name]) for name, flow in flows.items()}
     n = len(next(iter(flows.values())).modes.basis)
-    sets = {name: outer_set(np.diag(levels(np.eye(n))), levels) for name, levels in known.items()}
+    solid = _solid(known, n)
+    sets = {name: outer_set(np.diag(levels(np.eye(n))), levels) for name, levels in solid.items()}
     for _ in range(LAYOUTS):
         sets = _went_down(flows, exits, times, sets)
         sets = {name: outer_set(outer.shape(), outer.support) for name, outer in sets.items()}

@@ -227,3 +227,18 @@ def test_where_only_forms_hold_the_bound_starts_from_ellipsoids_and_is_as_good()
         assert np.median(bound.by_state / reached) <= 2.0
         compared += 1
     assert compared >= 3
+
+
+def test_bounds_of_zero_are_the_limit_of_small_ones() -> None:
+    system = load("models/two_tank.yaml")
+    gains = design_gains(system, ("fill", "drain"), rate=0.5)
+    found = []
+    for size in (0.0, 1e-9):
+        zero = np.array([size])
+        bounds = Bounds(state=np.array([size, 4.0]), input=zero, disturbance=np.array([size, size]), measurement=zero)
+        found.append(ultimate_bound(replace(system, bounds=bounds), gains, dwell=3.0, delay=0.1))
+    flat, thin = (bound.by_state for bound in found)
+    assert flat is not None
+    assert thin is not None
+    assert thin.max() > 1e-3
+    np.testing.assert_allclose(flat, thin, rtol=1e-3, atol=1e-6)

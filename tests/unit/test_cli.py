@@ -378,3 +378,25 @@ def test_a_folder_without_a_name_and_a_limit_without_end_are_wrong_calls(tmp_pat
 def test_a_time_limit_ends_in_exit_code_3() -> None:
     done = deshybrid("recover", DRIVELINE, "--timeout", "0.001")
     assert (done.returncode, "error[DH0903]" in done.stderr) == (3, True)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("dwell: {min: 0.6, max: 5}", "dwell: {min: 1.0e+50}"),
+        (
+            "state: 4, input: 2, disturbance: 0.02, measurement: 0.001",
+            "state: 0, input: 0, disturbance: 0, measurement: 0",
+        ),
+    ],
+    ids=["a stay for ever", "bounds of zero"],
+)
+def test_extreme_numbers_that_a_model_may_state_are_designed_for(
+    old: str, new: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (MODELS / "two_tank.yaml").read_text(encoding="utf-8")
+    assert old in text
+    (tmp_path / "model.yaml").write_text(text.replace(old, new), encoding="utf-8")
+    code, out, _ = within(capsys, "design", tmp_path / "model.yaml")
+    assert code == 0
+    assert "ultimate bound: " in out
