@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
+from deshybrid.campaign_command import campaign
 from deshybrid.console import open_missing_streams, tell_beside, working
 from deshybrid.diagnostics import (
     DeshybridError,
@@ -306,6 +307,9 @@ def simulate(
     if execution.stop is not None:
         _say([execution.stop.diagnostic])
     _finish(execution.stop is None)
+
+
+app.command()(campaign)
 
 
 @app.command()

@@ -6,7 +6,7 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -38,11 +38,11 @@ def open_missing_streams() -> None:
 
 
 @contextmanager
-def working(on: str, timeout: float | None = None, memory: int | None = None) -> Iterator[None]:
+def working(on: str | Callable[[], str], timeout: float | None = None, memory: int | None = None) -> Iterator[None]:
     """Show after a second that work goes on, where a terminal looks on; end the work at its limits, and on Ctrl-C.
 
-    `on` is what is shown; `timeout` in seconds, None for none; `memory` in bytes of the whole process, None for what it
-    holds and half of what is available.  Raises `OutOfResources` (DH0903, DH0904, DH0905).
+    `on` is what is shown, or says it anew each time; `timeout` in seconds, None for none; `memory` in bytes of the
+    whole process, None for what it holds and half of what is available.  Raises `OutOfResources` (DH0903 to DH0905).
 
     >>> with working("adding"):
     ...     1 + 1
@@ -117,10 +117,12 @@ def tell_beside(output: Path | None, text: str) -> None:
     (sys.stderr if output is None or str(output) == "-" else sys.stdout).write(text)
 
 
-def _spin(on: str, done: threading.Event) -> None:
+def _spin(on: str | Callable[[], str], done: threading.Event) -> None:
     if done.wait(1.0):
         return
     from rich.console import Console
 
-    with Console(stderr=True).status(on):
-        done.wait()
+    with Console(stderr=True).status(on if isinstance(on, str) else on()) as status:
+        while not done.wait(0.25):
+            if not isinstance(on, str):
+                status.update(on())

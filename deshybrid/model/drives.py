@@ -12,7 +12,7 @@ from deshybrid.model.channels import Channels
 from deshybrid.model.fields import Field, Fields
 from deshybrid.model.problems import Problems
 from deshybrid.model.shapes import Expected, checked
-from deshybrid.model.system import MeasurementModel, SignalModel, SimulationOptions
+from deshybrid.model.system import MeasurementModel, SignalModel, SimulationOptions, Variation
 
 
 def build_simulation(model: Fields, channels: Channels, problems: Problems) -> SimulationOptions:
@@ -28,6 +28,7 @@ def build_simulation(model: Fields, channels: Channels, problems: Problems) -> S
         _signals(written.fields("unmeasured"), problems),
         _signals(written.fields("disturbance"), problems),
         MappingProxyType({name: _sensor(field.fields) for name, field in written.fields("measurement")}),
+        _variation(written.fields("variation")),
     )
 
 
@@ -65,6 +66,10 @@ def _signal(field: Field, problems: Problems) -> SignalModel:
         keys.number("random") or 0.0,
         1.0 if period is None else period,
     )
+
+
+def _variation(keys: Fields) -> Variation:
+    return Variation(*(keys.number(name) or 0.0 for name in ("requests", "input", "disturbance", "state")))
 
 
 def _sensor(keys: Fields) -> MeasurementModel:

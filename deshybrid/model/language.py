@@ -195,6 +195,16 @@ SENSOR = Record(
         Key("noise", _NOT_NEGATIVE, "standard deviation of white noise"),
     ),
 )
+_PART = Number(at_least=0.0, at_most=1.0)
+VARIATION = Record(
+    "how the drives of a campaign differ beside their seeds; half widths of uniform variations",
+    (
+        Key("requests", _NOT_NEGATIVE, "seconds, added to the time of each request"),
+        Key("input", _PART, "share of the points of an input", needs_state=True),
+        Key("disturbance", _PART, "share of the points of a disturbance", needs_state=True),
+        Key("state", _PART, "share of each component of the initial state", needs_state=True),
+    ),
+)
 SIMULATION = Record(
     "how `simulate` drives the model",
     (
@@ -210,6 +220,7 @@ SIMULATION = Record(
         Key("unmeasured", MapOf("input", SIGNAL), "added to inputs, but not written to the trace", needs_state=True),
         Key("disturbance", MapOf("disturbance", SIGNAL), "the disturbances", needs_state=True),
         Key("measurement", MapOf("output", SENSOR), "the sensors", needs_state=True),
+        Key("variation", VARIATION, "how the drives of `campaign` differ"),
     ),
 )
 BOUNDS = Record(

@@ -161,6 +161,20 @@ class SignalModel:
     period: float = 1.0
 
 
+@dataclass(frozen=True, slots=True)
+class Variation:
+    """How the drives of a campaign differ, beside their seeds: each number is the half width of a uniform variation.
+
+    `requests` in s, added to each request; the others are shares: of an input's and of a disturbance's points (one
+    factor a channel and drive), and of each component of the initial state.
+    """
+
+    requests: float = 0.0
+    input: float = 0.0
+    disturbance: float = 0.0
+    state: float = 0.0
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulationOptions:
     """How `simulate` drives the model: the plant's signals, and what the sensors make of them.
@@ -177,6 +191,7 @@ class SimulationOptions:
     unmeasured: Mapping[str, SignalModel] = field(default_factory=_nothing)
     disturbance: Mapping[str, SignalModel] = field(default_factory=_nothing)
     measurement: Mapping[str, MeasurementModel] = field(default_factory=_nothing)
+    variation: Variation = Variation()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -95,9 +95,9 @@ class LocationScore:
             "minimum_stay": self.minimum_stay,
             "delay_median": self.quantile(0.5),
             "delay_90": self.quantile(0.9),
-            "total": _tally_record(self.total),
-            "locations": [_tally_record(tally) for tally in self.tallies],
-            "engagements": [_engagement_record(engagement) for engagement in self.engagements],
+            "total": tally_record(self.total),
+            "locations": [tally_record(tally) for tally in self.tallies],
+            "engagements": [engagement_record(engagement) for engagement in self.engagements],
         }
 
     def __str__(self) -> str:
@@ -105,13 +105,13 @@ class LocationScore:
         named = f"{total.engagements - total.missed} of {total.engagements}"
         lines = [
             f"engagements of at least {self.minimum_stay:g} s: {named} named, {total.late} later than {self.limit:g} s",
-            f"delay: median {_seconds(self.quantile(0.5))}, 90 % within {_seconds(self.quantile(0.9))}, "
-            f"worst {_seconds(total.worst_delay)}",
-            f"samples: {_share(total.right, total.samples)} right, {_share(total.wrong, total.samples)} wrong, "
-            f"{_share(total.unnamed, total.samples)} without a name; "
+            f"delay: median {in_seconds(self.quantile(0.5))}, 90 % within {in_seconds(self.quantile(0.9))}, "
+            f"worst {in_seconds(total.worst_delay)}",
+            f"samples: {percent(total.right, total.samples)} right, {percent(total.wrong, total.samples)} wrong, "
+            f"{percent(total.unnamed, total.samples)} without a name; "
             f"{100 * total.wrong_among_named:.2f} % of the names are wrong",
         ]
-        return "\n".join([*lines, *_table(self.tallies), *_worst_lines(self)])
+        return "\n".join([*lines, *tally_table(self.tallies), *_worst_lines(self)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,11 +216,9 @@ def score_locations(
     for true, said in zip(truth, estimate, strict=True):
         if true in counted:
             counted[true][2 if said is None else 0 if said == true else 1] += 1
-    tallies = tuple(
-        _tally(name, counted[name], [e for e in engagements if e.location == name], limit) for name in names
-    )
+    tallies = tuple(tally(name, counted[name], [e for e in engagements if e.location == name], limit) for name in names)
     sums = [sum(counted[name][kind] for name in names) for kind in range(3)]
-    return LocationScore(engagements, tallies, _tally("all", sums, engagements, limit), limit, minimum_stay)
+    return LocationScore(engagements, tallies, tally("all", sums, engagements, limit), limit, minimum_stay)
 
 
 def _stays(time: Sequence[float], truth: Sequence[str | None]) -> list[tuple[str | None, int, int, float]]:
@@ -260,7 +258,17 @@ def _first_named(
     return index
 
 
-def _tally(name: str, counts: Sequence[int], engagements: Sequence[Engagement], limit: float) -> LocationTally:
+def is_late(delay: float, limit: float) -> bool:
+    """Return whether a delay is beyond the limit (s) by more than rounding.
+
+    >>> is_late(0.1 + 0.2, 0.3), is_late(0.31, 0.3)
+    (False, True)
+    """
+    return delay > limit + _SLACK
+
+
+def tally(name: str, counts: Sequence[int], engagements: Sequence[Engagement], limit: float) -> LocationTally:
+    """Return the tally of one location from its samples (right, wrong, unnamed) and engagements; `limit` in s."""
     delays = sorted(e.delay for e in engagements if e.delay is not None)
     right, wrong, unnamed = counts
     return LocationTally(
@@ -270,7 +278,7 @@ def _tally(name: str, counts: Sequence[int], engagements: Sequence[Engagement], 
         wrong,
         unnamed,
         len(engagements),
-        sum(delay > limit + _SLACK for delay in delays),
+        sum(is_late(delay, limit) for delay in delays),
         len(engagements) - len(delays),
         float(np.median(delays)) if delays else None,
         delays[-1] if delays else None,
@@ -298,7 +306,8 @@ def _norms(errors: FloatArray) -> tuple[float, float]:
     return unit * float(np.sqrt(np.mean((errors / unit) ** 2))), largest
 
 
-def _tally_record(tally: LocationTally) -> dict[str, object]:
+def tally_record(tally: LocationTally) -> dict[str, object]:
+    """Return a tally as a tree for JSON."""
     return {
         "location": tally.name,
         "samples": tally.samples,
@@ -314,7 +323,8 @@ def _tally_record(tally: LocationTally) -> dict[str, object]:
     }
 
 
-def _engagement_record(engagement: Engagement) -> Mapping[str, object]:
+def engagement_record(engagement: Engagement) -> Mapping[str, object]:
+    """Return an engagement as a tree for JSON."""
     return {
         "location": engagement.location,
         "enter": engagement.enter,
@@ -323,30 +333,32 @@ def _engagement_record(engagement: Engagement) -> Mapping[str, object]:
     }
 
 
-def _seconds(value: float | None) -> str:
+def in_seconds(value: float | None) -> str:
+    """Return a time for a reader, `-` where there is none."""
     return "-" if value is None else f"{value:.3f} s"
 
 
-def _share(part: int, whole: int) -> str:
+def percent(part: int, whole: int) -> str:
+    """Return a share of samples for a reader."""
     return f"{100 * part / max(1, whole):.2f} %"
 
 
-def _table(tallies: Sequence[LocationTally]) -> list[str]:
-    """One line per location that was visited; `-` where there is no engagement."""
+def tally_table(tallies: Sequence[LocationTally]) -> list[str]:
+    """Return one line per location that was visited; `-` where there is no engagement."""
     width = max([len("location"), *(len(tally.name) for tally in tallies)])
     lines = [f"{'location':<{width}}  engaged  late  missed    median     worst   samples    right    wrong  unnamed"]
     for tally in tallies:
         if tally.samples:
             counts = f"{tally.engagements:>7}  {tally.late:>4}  {tally.missed:>6}"
-            delays = f"{_seconds(tally.median_delay):>8}  {_seconds(tally.worst_delay):>8}"
-            shares = "  ".join(f"{_share(n, tally.samples):>7}" for n in (tally.right, tally.wrong, tally.unnamed))
+            delays = f"{in_seconds(tally.median_delay):>8}  {in_seconds(tally.worst_delay):>8}"
+            shares = "  ".join(f"{percent(n, tally.samples):>7}" for n in (tally.right, tally.wrong, tally.unnamed))
             lines.append(f"{tally.name:<{width}}  {counts}  {delays}  {tally.samples:>8}  {shares}")
     return lines
 
 
 def _worst_lines(score: LocationScore) -> list[str]:
     """The engagements that were late or missed, worst first."""
-    bad = [e for e in score.worst if e.delay is None or e.delay > score.limit + _SLACK]
+    bad = [e for e in score.worst if e.delay is None or is_late(e.delay, score.limit)]
     return [
         f"{'missed' if e.delay is None else 'late'}: {e.location} entered at {e.enter:.3f} s"
         + ("" if e.delay is None else f", named {e.delay:.3f} s later")

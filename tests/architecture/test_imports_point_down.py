@@ -25,9 +25,11 @@ LEVEL = {
     "bundle": 7,
     "estimation": 7,
     "plans": 7,
+    "campaigns": 7,
     "options": 8,
     "console": 7,
-    "cli": 9,
+    "campaign_command": 9,
+    "cli": 10,
 }
 BESIDE = {("detector", "continuous")}  # residual gains are placed by the code that places observer gains
 

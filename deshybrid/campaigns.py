@@ -1,0 +1,183 @@
+"""Campaigns as the command runs them: from a model to the files of a folder.
+
+In: a path, and `Wishes`.  Out: a `Campaign`, its journal, and the texts of its summary and plots.  Cost: that of the
+design and of the drives.
+"""
+
+import bisect
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+
+from deshybrid.compiler import Compilation, Source, compile, to_des, to_hybrid
+from deshybrid.diagnostics import UsageError, diagnostic
+from deshybrid.emit.campaign_plots import Timeline, confusion_plot, delay_histogram, timeline_plot
+from deshybrid.emit.records import to_json
+from deshybrid.model.problems import did_you_mean
+from deshybrid.model.system import HybridSystem
+from deshybrid.simulate.campaign import DEFAULT_ENGAGEMENTS, MAX_DRIVES, Campaign, run_campaign
+from deshybrid.simulate.campaign_jobs import DriveResult, Task
+from deshybrid.simulate.campaign_journal import Journal
+from deshybrid.simulate.campaign_summary import Summary
+from deshybrid.simulate.replay import replay
+from deshybrid.simulate.score import Engagement
+
+JOURNAL = "jobs.jsonl"
+_BEFORE, _BEHIND = 1.0, 0.5  # s that a timeline shows before an entry, and behind the naming or the exit
+_TIMELINES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Wishes:
+    """What a campaign is asked for: times in s, None for the model's; `only`: the locations whose entries count."""
+
+    engagements: int = DEFAULT_ENGAGEMENTS
+    seed: int = 0
+    only: tuple[str, ...] = ()
+    rate: float | None = None
+    dwell: float | None = None
+    step: float | None = None
+    duration: float | None = None
+    max_drives: int = MAX_DRIVES
+
+
+@dataclass(slots=True)
+class Progress:
+    """How far a campaign is; the one value here that changes, so that another thread can tell it.
+
+    >>> str(Progress(2, 25))
+    '2 drives, 25'
+    """
+
+    drives: int = 0
+    engagements: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.drives} drives, {self.engagements}"
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A campaign before its first drive; `task` is None where the model has no observer, as `made` explains."""
+
+    made: Compilation
+    wishes: Wishes
+    task: Task | None
+
+    @property
+    def header(self) -> dict[str, object]:
+        """What a journal has to agree with: all that the results of jobs depend on."""
+        wishes, system = self.wishes, self.made.design.system
+        return {
+            "version": version("deshybrid"),
+            "model": system.name,
+            "sha256": _digest(system),
+            "seed": wishes.seed,
+            "rate": wishes.rate,
+            "dwell": wishes.dwell,
+            "step": wishes.step,
+            "duration": wishes.duration,
+        }
+
+
+def prepare(source: Source, wishes: Wishes) -> Prepared:
+    """Design the observer of a model.  Raises `UsageError` (DH0720) for an unknown location in `only`.
+
+    >>> prepare("models/two_tank.yaml", Wishes(seed=1)).task.names
+    ('fill', 'drain')
+    """
+    system = to_hybrid(source)
+    names = tuple(place.name for place in system.locations)
+    unknown = [name for name in wishes.only if name not in names]
+    if unknown:
+        helps = did_you_mean(unknown[0], names)
+        raise UsageError(diagnostic("DH0720", f"the model has no location `{unknown[0]}`", helps=helps))
+    made = compile(system, rate=wishes.rate, dwell=wishes.dwell, step=wishes.step)
+    task = None if made.observer is None else Task(made.observer, wishes.seed, wishes.duration)
+    return Prepared(made, wishes, task)
+
+
+def carry_out(
+    prepared: Prepared,
+    task: Task,
+    executor: Executor,
+    *,
+    ahead: int = 1,
+    folder: Path | None = None,
+    progress: Progress | None = None,
+) -> Campaign:
+    """Run a prepared campaign with `ahead` jobs under way at once; with a folder, go on with its journal."""
+    wishes, told = prepared.wishes, progress or Progress()
+    only = wishes.only or task.names
+
+    def count(result: DriveResult) -> None:
+        told.drives += 1
+        told.engagements += sum(found.location in only for found in result.engagements)
+
+    def run(journal: Journal | None) -> Campaign:
+        def keep(result: DriveResult) -> None:
+            if journal is not None:
+                journal.append(result)
+            count(result)
+
+        finished = () if journal is None else journal.finished
+        for result in finished:
+            count(result)
+        return run_campaign(
+            task,
+            executor,
+            engagements=wishes.engagements,
+            only=only,
+            ahead=ahead,
+            finished=finished,
+            keep=keep,
+            max_drives=wishes.max_drives,
+        )
+
+    if folder is None:
+        return run(None)
+    with Journal(folder / JOURNAL, prepared.header) as journal:
+        return run(journal)
+
+
+def files(campaign: Campaign, *, plots: bool = False) -> dict[str, bytes]:
+    """Return the files that tell of a campaign, by name.  Raises `UsageError` (DH0806) for plots without matplotlib."""
+    summary = Summary(campaign)
+    texts = {"summary.json": to_json(summary.record()).encode(), "summary.txt": f"{summary}\n".encode()}
+    return texts | (_plots(summary) if plots else {})
+
+
+def _plots(summary: Summary) -> dict[str, bytes]:
+    task, score = summary.campaign.task, summary.score
+    drawn = {
+        "delays.svg": delay_histogram(score.delays, missed=score.total.missed, limit=summary.limit),
+        "confusion.svg": confusion_plot(task.names, summary.confusion),
+    }
+    for rank, (drive, engagement) in enumerate(summary.worst[:_TIMELINES], start=1):
+        drawn[f"worst-{rank}.svg"] = timeline_plot(_timeline(task, drive.job, engagement), task.names)
+    return drawn
+
+
+def _timeline(task: Task, job: int, engagement: Engagement) -> Timeline:
+    """The surroundings of an engagement, from its drive run once more."""
+    trace = task.execution(job).trace
+    named, time = replay(task.observer, trace).location, trace.time.tolist()
+    end = engagement.leave if engagement.delay is None else engagement.enter + max(engagement.delay, 0.0)
+    first = bisect.bisect_left(time, engagement.enter - _BEFORE)
+    last = bisect.bisect_right(time, end + _BEHIND)
+    delay = "never named" if engagement.delay is None else f"named {engagement.delay:+.3f} s"
+    title = f"{engagement.location}, drive {job} at {engagement.enter:.3f} s: {delay}"
+    truth = trace.true_location or (None,) * len(trace)
+    return Timeline(title, time[first:last], truth[first:last], named[first:last], engagement.enter)
+
+
+def _digest(system: HybridSystem) -> str:
+    """The hash of the model's file; of the automaton, where it came from elsewhere."""
+    if system.source is not None:
+        return system.source.sha256
+    return sha256(repr(to_des(system)).encode()).hexdigest()
+
+
+__all__ = ["JOURNAL", "Prepared", "Progress", "Wishes", "carry_out", "files", "prepare"]
