@@ -48,7 +48,9 @@ def test_a_campaign_takes_several_drives_and_is_complete() -> None:
     assert len(campaign.engagements) == 12
 
 
-@pytest.mark.parametrize("executor", [ThreadPoolExecutor(2), ThreadPoolExecutor(3), local_executor(2)], ids=str)
+@pytest.mark.parametrize(
+    "executor", [ThreadPoolExecutor(2), ThreadPoolExecutor(3), local_executor(2)], ids=["2", "3", "processes"]
+)
 def test_the_result_is_the_same_for_any_executor_and_number_of_workers(executor: Executor) -> None:
     task, alone = tank()
     with executor:
@@ -194,7 +196,8 @@ def naive_delays(time: list[float], truth: tuple[str | None, ...], named: tuple[
         if named[row] == truth[row]:
             first = row
             while (
-                named[first - 1] == truth[row]
+                first > 0
+                and named[first - 1] == truth[row]
                 and truth[first - 1] != truth[row]
                 and time[first - 1] >= time[row] - 0.5 - 1e-9
             ):
