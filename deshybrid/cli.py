@@ -63,6 +63,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+app.command()(campaign)
 
 
 def _tell_version(wanted: bool) -> None:
@@ -307,9 +308,6 @@ def simulate(
     if execution.stop is not None:
         _say([execution.stop.diagnostic])
     _finish(execution.stop is None)
-
-
-app.command()(campaign)
 
 
 @app.command()
