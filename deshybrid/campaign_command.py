@@ -5,14 +5,13 @@ In: the words of the command line.  Out: text or JSON on standard output, a fold
 """
 
 import os
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from deshybrid.console import working
-from deshybrid.diagnostics import Diagnostic, UsageError, diagnostic, render_all
+from deshybrid.console import say, working
+from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.options import AsJson, DwellTime, Model, Rate, ReadAs, Step, Timeout
 
 NO, LIMIT = 1, 3
@@ -50,7 +49,7 @@ def campaign(
     with working(lambda: f"{progress} of {engagements} engagements", timeout):
         system, warnings = read_system(model, read_as)
         prepared = campaigns.prepare(system, wishes)
-        sys.stderr.write(_messages((*warnings, *(() if prepared.task else prepared.made.diagnostics))))
+        say((*warnings, *(() if prepared.task else prepared.made.diagnostics)))
         if prepared.task is None:
             raise typer.Exit(NO)
         if drive is not None:
@@ -65,7 +64,7 @@ def campaign(
     if output is not None:
         write_tree(output, files)
     write_result(None, files["summary.json" if as_json else "summary.txt"])
-    sys.stderr.write(_messages(run.stopped))
+    say(run.stopped)
     if run.stopped:
         raise typer.Exit(LIMIT)
 
@@ -77,8 +76,3 @@ def _require_plots(output: Path | None) -> None:
     if output is None:
         raise UsageError(diagnostic("DH0805", "`--plots` needs a folder to write to", helps=("add `-o DIR`",)))
     require_matplotlib()
-
-
-def _messages(diagnostics: tuple[Diagnostic, ...]) -> str:
-    text = render_all(diagnostics)
-    return f"{text}\n" if text else ""

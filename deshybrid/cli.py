@@ -5,23 +5,20 @@ limit was reached.  Never a traceback on input.  A command imports what it needs
 """
 
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
 from deshybrid.campaign_command import campaign
-from deshybrid.console import open_missing_streams, tell_beside, working
+from deshybrid.console import open_missing_streams, say, tell_beside, working
 from deshybrid.diagnostics import (
     DeshybridError,
-    Diagnostic,
     GainError,
     LimitReached,
     UsageError,
     catalogue,
     diagnostic,
-    render_all,
 )
 from deshybrid.observer import MAX_TABLE
 from deshybrid.options import (
@@ -89,23 +86,17 @@ def main() -> None:
     try:
         app()
     except LimitReached as error:
-        _say(error.diagnostics)
+        say(error.diagnostics)
         sys.exit(LIMIT)
     except GainError as error:
-        _say(error.diagnostics)
+        say(error.diagnostics)
         sys.exit(NO)
     except DeshybridError as error:
-        _say(error.diagnostics)
+        say(error.diagnostics)
         sys.exit(WRONG)
     except OSError as error:
-        _say([diagnostic("DH0805", f"cannot read or write: {error.strerror}")])
+        say([diagnostic("DH0805", f"cannot read or write: {error.strerror}")])
         sys.exit(WRONG)
-
-
-def _say(diagnostics: Iterable[Diagnostic]) -> None:
-    text = render_all(diagnostics)
-    if text:
-        sys.stderr.write(text + "\n")
 
 
 def _finish(answer: bool) -> NoReturn:
@@ -117,7 +108,7 @@ def _read(model: str, read_as: str | None) -> "HybridSystem | DES":
     from deshybrid.formats.reading import read_system
 
     system, warnings = read_system(model, read_as)
-    _say(warnings)
+    say(warnings)
     return system
 
 
@@ -145,7 +136,7 @@ def check(
 
     def tell(report: ObservabilityReport) -> None:
         _write(output, to_json(check_record(report)) if as_json else f"{report}\n")
-        _say(verdict_diagnostics(report))
+        say(verdict_diagnostics(report))
 
     try:
         with working("checking", timeout, max_memory):
@@ -176,7 +167,7 @@ def recover(
     with working("looking for the cheapest signatures", timeout, max_memory):
         found = plans.answer(_read(model, read_as), max_states=max_states, seconds=timeout, most=most if every else 0)
     _write(output, to_json(found.record()) if as_json else f"{found}\n")
-    _say(found.diagnostics)
+    say(found.diagnostics)
     if not found.decided:
         raise typer.Exit(LIMIT)
     _finish(found.recovery.plan.recoverable)
@@ -202,7 +193,7 @@ def design(
     with working("designing", timeout):
         made = compiler.design(_read(model, None), rate=rate, dwell=dwell, step=step, method=method)
     _write(output, to_json(made.document()) if as_json else f"{made}\n")
-    _say((*made.recovery.diagnostics, *made.problems))
+    say((*made.recovery.diagnostics, *made.problems))
     _finish(made.certified)
 
 
@@ -238,7 +229,7 @@ def compile_model(
         files = bundle.files(made, wishes)
     write_tree(folder, files)
     _write(None, to_json(bundle.record(made, wishes)) if as_json else f"{made}\n{bundle.listing(folder, files)}")
-    _say(made.diagnostics)
+    say(made.diagnostics)
     _finish(made.certified)
 
 
@@ -264,7 +255,7 @@ def run(
     with working("running"):
         made = compiler.compile(_read(model, read_as), rate=rate, dwell=dwell, step=step, max_states=max_states)
         if made.observer is None:
-            _say(made.diagnostics)
+            say(made.diagnostics)
             _finish(False)
         samples = read_trace(trace, made.observer.system, step=made.observer.step_seconds)
         estimates = replay(made.observer, samples)
@@ -306,7 +297,7 @@ def simulate(
         execution = execute(compiler.to_hybrid(_read(model, None)), seed=seed, duration=duration, step=step)
     _write(output, write_trace(execution.trace))
     if execution.stop is not None:
-        _say([execution.stop.diagnostic])
+        say([execution.stop.diagnostic])
     _finish(execution.stop is None)
 
 
@@ -347,7 +338,7 @@ def convert(
         raise UsageError(diagnostic("DH0805", "the result has two names", helps=("write TARGET or `-o`, not both",)))
     written = convert_file(source, target or output, read_as, write_as, silent=silent or (), symbols=symbols)
     _write(target or output, written.text)
-    _say(written.warnings)
+    say(written.warnings)
 
 
 @app.command()

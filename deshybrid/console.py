@@ -6,7 +6,7 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -14,7 +14,7 @@ from typing import NoReturn
 
 import typer
 
-from deshybrid.diagnostics import within
+from deshybrid.diagnostics import Diagnostic, render_all, within
 from deshybrid.diagnostics.limits import allowance, data_memory, interrupted, out_of_time
 
 try:
@@ -106,6 +106,16 @@ def size_in_bytes(text: str) -> int:
         raise typer.BadParameter(f"`{text}` is no size: write 4GiB, 512M or 1.5GB")
     number, prefix, unit = found.groups()
     return int(float(number) * (1000 if unit == "B" else 1024) ** ("KMGT".index(prefix) + 1 if prefix else 0))
+
+
+def say(diagnostics: Iterable[Diagnostic]) -> None:
+    """Write messages to standard error, each with its place and its advice.
+
+    >>> say([])
+    """
+    text = render_all(diagnostics)
+    if text:
+        sys.stderr.write(text + "\n")
 
 
 def tell_beside(output: Path | None, text: str) -> None:
