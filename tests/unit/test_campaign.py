@@ -23,7 +23,7 @@ from deshybrid.simulate.campaign_summary import Summary
 from deshybrid.simulate.replay import replay
 
 TANK = "models/two_tank.yaml"
-WISHES = Wishes(engagements=12, seed=4, duration=8.0)
+WISHES = Wishes(engagements=12, seed=4, duration=3.0)
 
 
 @lru_cache(maxsize=1)
