@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -118,6 +119,15 @@ def test_a_memory_that_is_no_size_is_a_wrong_call() -> None:
     assert deshybrid("check", FIG2, "--max-memory", "much").returncode == 2
 
 
+@pytest.fixture
+def usual_ctrl_c() -> Iterator[None]:
+    """A test run that was started in the background may have been told to ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("usual_ctrl_c")
 def test_ctrl_c_ends_work_with_a_message_and_the_second_time_at_once() -> None:
     with pytest.raises(OutOfResources, match="DH0905: interrupted"), working("waiting"):
         signal.raise_signal(signal.SIGINT)
