@@ -342,8 +342,8 @@ def _reason(found: Found, required: float, dwell: float, delay: float, *, holds:
     if found.forms is None:
         return "no forms were found that prove this rate for any dwell time"
     if found.stay == 0.0:
-        longer = f" that is longer than the detection delay {delay:.6g} s" if delay else ""
-        return f"any stay that the model allows is long enough{longer}"
+        longer = f" and that is longer than the detection delay {delay:.6g} s" if delay else ""
+        return f"any stay that the model allows{longer} is long enough"
     what = f"forms of degree {2 * found.forms.degree} prove {required:.6g} s"
     cycle = found.limit.cycle
     said = f"; the cycle {' -> '.join(cycle.locations)} rules out stays of {found.limit.value:.6g} s" if cycle else ""
