@@ -5,13 +5,14 @@ a failure leaves no half of a folder.  Where no observer exists, there is only t
 """
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from deshybrid.compiler import MAX_STATES, Compilation, Source, check, recover
 from deshybrid.des.observability import ObservabilityReport
+from deshybrid.des.observer import build_location_observer
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.emit.drawing import draw
 from deshybrid.emit.picture import des_picture, dprime_picture, observer_picture
@@ -60,7 +61,8 @@ def files(made: Compilation, wishes: Wishes = Wishes()) -> dict[str, bytes]:
 def drawing(source: Source, what: str, kind: str, *, max_states: int = MAX_STATES) -> bytes:
     """Return one drawing of a model: `what` as the command names it, `kind` one of FORMATS.
 
-    Raises `UsageError` (DH0309) for a complementary drawing of a system that no signatures repair.
+    Raises `UsageError` (DH0309) for a complementary drawing of a system that no signatures repair, and `LimitReached`
+    where an observer is to be drawn that a limit cut short.
     """
     report = check(source, method="observer" if what == "observer" else "auto", max_states=max_states)
     if what.startswith("complementary"):
@@ -70,6 +72,8 @@ def drawing(source: Source, what: str, kind: str, *, max_states: int = MAX_STATE
                 diagnostic("DH0309", f"`{report.des.name}` has no complementary DES: it is not recoverable")
             )
         report = plan.report
+    if _KINDS.get(what, what) == "observer" and report.observer is None:  # the verdict did not need it
+        report = replace(report, observer=build_location_observer(report.automaton, max_states=max_states))
     title = f"{report.des.name}: {_TITLES[what]}"
     picture = {"des": des_picture, "dprime": dprime_picture, "observer": observer_picture}[_KINDS.get(what, what)]
     return draw(picture(report, title=title), kind)

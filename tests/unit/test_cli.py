@@ -410,3 +410,10 @@ def test_extreme_numbers_that_a_model_may_state_are_designed_for(
     code, out, _ = within(capsys, "design", tmp_path / "model.yaml")
     assert code == 0
     assert "ultimate bound: " in out
+
+
+def test_an_observer_beyond_the_limit_is_not_drawn_although_the_answer_is_known() -> None:
+    limited = ("--max-states", 1)
+    assert deshybrid("check", MODELS / "two_tank.yaml", *limited).returncode == 1
+    done = deshybrid("draw", MODELS / "two_tank.yaml", "--what", "observer", *limited)
+    assert (done.returncode, "error[DH0901]" in done.stderr, done.stdout) == (3, True, "")
