@@ -64,6 +64,7 @@ def design_document(
         "fixed_modes": {name: _complex(modes) for name, modes in gains.fixed_modes.items() if len(modes)},
         "ultimate_bound_by_state": _by_state(system, ultimate),
         "ultimate_bound_reason": None if ultimate is None else ultimate.reason,
+        "ultimate_certificate": _bound_record(system, gains, ultimate),
         "system": _system_record(system, gains.locations),
     }
 
@@ -164,6 +165,27 @@ def _by_state(system: HybridSystem, ultimate: UltimateBound | None) -> dict[str,
     if ultimate is None or ultimate.by_state is None:
         return None
     return dict(zip(system.state_names, ultimate.by_state.tolist(), strict=True))
+
+
+def _bound_record(
+    system: HybridSystem, gains: ObserverGains, ultimate: UltimateBound | None
+) -> dict[str, object] | None:
+    """The sets that prove the ultimate bound, with what drives the error: E w̄, and v̄ before the gain."""
+    if ultimate is None or ultimate.certificate is None:
+        return None
+    bounds = system.bounds
+    locations = {}
+    for name, entered in ultimate.certificate.sets.items():
+        E, outputs = dynamics_of(system, name).E, list(system.location(name).output_index)
+        felt = np.zeros(len(outputs)) if bounds.measurement is None else bounds.measurement[outputs]
+        locations[name] = {
+            "disturbance": _rows(E[:, :0] if bounds.disturbance is None else E * bounds.disturbance),
+            "noise": felt.tolist(),
+            "directions": _rows(entered.directions),
+            "levels": entered.levels.tolist(),
+            "bases": entered.bases.tolist(),
+        }
+    return {"stay": ultimate.certificate.stay, "locations": locations}
 
 
 def _rows(matrix: FloatArray) -> list[list[float]]:

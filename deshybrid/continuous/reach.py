@@ -20,7 +20,7 @@ Source: this project; support functions as in Girard and Le Guernic's reachabili
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -28,6 +28,9 @@ from deshybrid.continuous.impulse import peak_norm
 from deshybrid.continuous.mismatch import Mismatch, in_time
 from deshybrid.continuous.responses import Flow, bends, pushed, pushed_after, rest, rows_at, times_from
 from deshybrid.linear.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
 
 CORNERS_UP_TO = 4
 DIRECTIONS = {1: 1, 2: 16, 3: 60, 4: 120}
@@ -68,9 +71,12 @@ class Outer:
 
     def lowered(self, levels: FloatArray) -> "Outer":
         """Return the part of the set in which the levels are these, or as they were where that is less."""
-        least = np.minimum(levels, self.levels)
-        corners = None if self.corners is None else _corners(self.directions, least)
-        return Outer(self.directions, least, corners, self.inverses)
+        return self.at(np.minimum(levels, self.levels))
+
+    def at(self, levels: FloatArray) -> "Outer":
+        """Return the set with the same directions and these levels."""
+        corners = None if self.corners is None else _corners(self.directions, levels)
+        return Outer(self.directions, levels, corners, self.inverses)
 
 
 class Exit(NamedTuple):
@@ -129,32 +135,42 @@ def entry_sets(
     `known` holds them already.  Directions that are even in units that do not fit leave the polytopes loose, so these
     are laid out anew in the units of what was found, and all starts again from there.
     """
-    times = {name: times_from(flow, beta[name]) for name, flow in flows.items()}
     n = len(next(iter(flows.values())).modes.basis)
     solid = _solid(known, n)
     sets = {name: outer_set(np.diag(levels(np.eye(n))), levels) for name, levels in solid.items()}
     for _ in range(LAYOUTS):
-        sets = _went_down(flows, exits, times, sets)
+        sets = _went_down(seen_exits(flows, exits, sets, beta), sets)
         sets = {name: outer_set(outer.shape(), outer.support) for name, outer in sets.items()}
     return sets
 
 
-def _went_down(
+def seen_exits(
     flows: Mapping[str, Flow],
     exits: Mapping[str, tuple[Mismatch, ...]],
-    times: Mapping[str, FloatArray],
-    first: Mapping[str, Outer],
-) -> dict[str, Outer]:
-    sets = dict(first)
-    seen = [
+    sets: Mapping[str, Outer],
+    beta: Mapping[str, float],
+) -> list[Exit]:
+    """Return every exit along the directions of the set it leads to, for stays of at least beta (s)."""
+    times = {name: times_from(flow, beta[name]) for name, flow in flows.items()}
+    return [
         _exit(name, exit, flows[name], times[name], sets[exit.target].directions)
         for name, leaving in exits.items()
         for exit in leaving
     ]
+
+
+def one_switch(seen: list[Exit], sets: Mapping[str, Outer], least: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Return the levels of all entry errors after a stay and an exit from `sets`; nowhere below `least`."""
+    levels = dict(least)
+    for exit in seen:
+        levels[exit.target] = np.maximum(levels[exit.target], _level(exit, sets[exit.source]))
+    return levels
+
+
+def _went_down(seen: list[Exit], first: Mapping[str, Outer]) -> dict[str, Outer]:
+    sets = dict(first)
     for _ in range(MOST_ROUNDS):
-        levels = {name: FLOOR * outer.levels for name, outer in first.items()}
-        for exit in seen:
-            levels[exit.target] = np.maximum(levels[exit.target], _level(exit, sets[exit.source]))
+        levels = one_switch(seen, sets, {name: FLOOR * outer.levels for name, outer in first.items()})
         lower = {name: outer.lowered(levels[name]) for name, outer in sets.items()}
         pays = any((lower[name].levels < (1 - PAYS) * sets[name].levels).any() for name in sets)
         sets = lower
@@ -235,14 +251,18 @@ def _corners(directions: FloatArray, levels: FloatArray) -> FloatArray:
     """The corners of {|d ζ| <= level}; in one dimension an interval's end."""
     if directions.shape[1] == 1:
         return np.asarray([[float((levels / np.abs(directions[:, 0])).min())]])
-    from scipy.spatial import ConvexHull
-
-    # The polar of the polytope is the hull of d/level; each of its facets is a corner.
-    points = directions / levels[:, None]
-    size = np.abs(points).max(axis=0)
-    hull = ConvexHull(np.vstack([points, -points]) / size)
+    hull, size = polar(directions, levels)
     corners = -hull.equations[:, :-1] / hull.equations[:, -1:] / size
     return np.asarray(corners)
 
 
-__all__ = ["Levels", "Outer", "entry_sets", "highest", "outer_set"]
+def polar(directions: FloatArray, levels: FloatArray) -> "tuple[ConvexHull, FloatArray]":
+    """Return the hull of ± d/level in units (n,) of its size, and these: each of its facets is a corner of the set."""
+    from scipy.spatial import ConvexHull
+
+    points = directions / levels[:, None]
+    size = np.abs(points).max(axis=0)
+    return ConvexHull(np.vstack([points, -points]) / size), np.asarray(size)
+
+
+__all__ = ["Exit", "Levels", "Outer", "entry_sets", "highest", "one_switch", "outer_set", "polar", "seen_exits"]

@@ -33,6 +33,7 @@ from deshybrid.continuous.entrywise import Stay, entrywise_bound
 from deshybrid.continuous.error import ErrorDynamics, dynamics_of, error_dynamics, state_scale
 from deshybrid.continuous.gains import ObserverGains
 from deshybrid.continuous.impulse import impulse_norm
+from deshybrid.continuous.inductive import UltimateCertificate, inductive_sets
 from deshybrid.continuous.lmi import InequalityCertificate
 from deshybrid.continuous.mismatch import mismatches, missing_bounds
 from deshybrid.continuous.modes import ModalBasis, modal_basis
@@ -42,13 +43,17 @@ from deshybrid.continuous.search import needed_dwell, reset_norm
 from deshybrid.linear.arrays import FloatArray, frozen_array
 from deshybrid.model.system import HybridSystem
 
+ROUNDING = 1e-12
+"""A norm is raised by this share: it is then no less than that of the exact numbers."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UltimateBound:
     """A bound that the error does not exceed once the initial error has died out.
 
     value: bound of ‖ζ‖₂ in the states' own units, None where there is none; by_state (n,): one bound per state, in its
-    unit; rate (1/s), dwell and delay (s) for which it holds; reason: one sentence.
+    unit; rate (1/s), dwell and delay (s) for which it holds; reason: one sentence; certificate: sets that prove
+    by_state by induction, None where there are none (a detection delay, or a bound of zero).
     """
 
     value: float | None
@@ -57,6 +62,7 @@ class UltimateBound:
     dwell: float
     delay: float
     reason: str
+    certificate: UltimateCertificate | None = None
 
 
 def ultimate_bound(
@@ -105,18 +111,24 @@ def ultimate_bound(
     if known is None:
         return _bound(certificate, None, f"(20) does not hold: {certificate.reason}")
     noise = "" if system.bounds.measurement is not None else ", measurements taken as exact (no bound stated)"
-    by_state = _reachable(system, gains, stays, known, beta)
-    return _bound(certificate, by_state, f"{start}, tightened by reachable sets{noise}")
+    by_state, sets = _reachable(system, gains, stays, known, beta)
+    return _bound(certificate, by_state, f"{start}, tightened by reachable sets{noise}", sets)
 
 
-def _bound(certificate: DwellTimeCertificate, by_state: FloatArray | None, reason: str) -> UltimateBound:
+def _bound(
+    certificate: DwellTimeCertificate,
+    by_state: FloatArray | None,
+    reason: str,
+    sets: UltimateCertificate | None = None,
+) -> UltimateBound:
     return UltimateBound(
-        value=None if by_state is None else float(np.linalg.norm(by_state)),
+        value=None if by_state is None else float(np.linalg.norm(by_state)) * (1 + ROUNDING),
         by_state=None if by_state is None else frozen_array(by_state, by_state.shape),
         rate=certificate.rate,
         dwell=certificate.dwell,
         delay=certificate.delay,
         reason=reason,
+        certificate=sets,
     )
 
 
@@ -165,15 +177,19 @@ def _drive(system: HybridSystem, gains: ObserverGains, name: str) -> FloatArray:
 
 def _reachable(
     system: HybridSystem, gains: ObserverGains, stays: Mapping[str, Stay], known: Mapping[str, Levels], beta: float
-) -> FloatArray:
-    """The bounds (n,) that reachable sets leave of given ones."""
+) -> tuple[FloatArray, UltimateCertificate | None]:
+    """The bounds (n,) that reachable sets leave of given ones, those of inductive sets where there are any."""
     states = np.eye(len(system.state_names))
     if not any(levels(states).any() for levels in known.values()):
-        return np.zeros(len(states))
+        return np.zeros(len(states)), None
     flows = {n: Flow(stay.modes, _drive(system, gains, n), system.time_step) for n, stay in stays.items()}
     exits = {name: stay.exits for name, stay in stays.items()}
     sets = entry_sets(flows, exits, known, dict.fromkeys(flows, beta))
-    return np.asarray(np.max([highest(flow, exits[name], sets[name]) for name, flow in flows.items()], axis=0))
+    if not any(exit.delay for leaving in exits.values() for exit in leaving):
+        proved = inductive_sets(flows, exits, sets, beta)
+        if proved is not None:
+            return proved[1], proved[0]
+    return np.asarray(np.max([highest(flow, exits[name], sets[name]) for name, flow in flows.items()], axis=0)), None
 
 
 def _in_norm(

@@ -30,6 +30,7 @@ from deshybrid.linear.exact import (
     transposed,
 )
 from deshybrid.verify.average import average_checks
+from deshybrid.verify.bound import bound_checks, read_bound
 from deshybrid.verify.contraction import contraction_checks
 from deshybrid.verify.design_file import (
     Claim,
@@ -41,7 +42,7 @@ from deshybrid.verify.design_file import (
     read_summary,
 )
 from deshybrid.verify.forms import FormClaim, Said, SilentForm, form_checks, limit_checks, read_forms
-from deshybrid.verify.report import Check, VerifyReport
+from deshybrid.verify.report import UNCHECKED, Check, VerifyReport
 from deshybrid.verify.sampled import made_from_the_gains
 
 PART_OF_A_STEP = Fraction(1, 10**6)
@@ -82,10 +83,19 @@ def verify_design(document: Mapping[str, object]) -> VerifyReport:
         if not any(claim.holds for claim in claims) and not any(isinstance(claim, FormClaim) for claim in forms):
             slow = all(summary.rate <= box.rate for box in boxes if not isinstance(box, str))
             checks.append(Check("design", "every location", "`rate` is not above those of the certificates", slow))
+    bound = read_bound(document, plant)
+    proved = [claim for claim in claims if claim.holds] + [claim for claim in forms if isinstance(claim, FormClaim)]
+    found = bound_checks(plant, bound, tuple(proved)) if bound is not None else None
+    checks += [Check("ultimate bound", *said) for said in found or ()]
     silent = [claim.name for claim in claims if not claim.holds]
     silent += [claim.name for claim in forms if isinstance(claim, SilentForm)]
     silent += [claim for claim in boxes if isinstance(claim, str)]
-    return VerifyReport(tuple(checks), tuple(silent))
+    return VerifyReport(tuple(checks), tuple(silent), _unchecked(bound is not None, found is not None))
+
+
+def _unchecked(claimed: bool, checked: bool) -> tuple[str, ...]:
+    words = {"`ultimate_bound`": "`ultimate_bound` (too large)"} if claimed else {}
+    return tuple(words.get(what, what) for what in UNCHECKED if not checked or what != "`ultimate_bound`")
 
 
 def _summary_checks(

@@ -58,6 +58,11 @@ class Plant:
     resets: tuple[Jump, ...]
     time_step: Fraction | None
 
+    @property
+    def size(self) -> int:
+        """The number of states."""
+        return len(next(iter(self.locations.values()))[0])
+
     def error_matrix(self, name: str) -> Rational:
         """Return A - G C, exactly."""
         A, C = self.locations[name]
