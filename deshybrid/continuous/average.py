@@ -68,7 +68,8 @@ class AverageDwell:
     def __str__(self) -> str:
         if self.dwell == 0:
             return "average dwell time: any switching contracts at the rate"
-        return f"average dwell time: {self.dwell:.6g} s is long enough; single stays may be shorter"
+        needed = f"{self.dwell:.6g} s is long enough without detection delay"
+        return f"average dwell time: {needed}; single stays may be shorter"
 
 
 def average_dwell(dynamics: ErrorDynamics, *, rate: float) -> AverageDwell | None:
