@@ -8,7 +8,7 @@ In: the polytopes that reachable sets left (`continuous/reach.py`), how the erro
 for every exit and direction d of its target, s the support function of the set that is left, h' the levels of the one
 that is entered.  The idea: the left side, F(h), grows with the levels h, but less than they do, or there would be no
 bound; so h := 1.003 F(h) settles too, where F(h) is below h by a share that is room for a checker's own rounding.
-Without detection delay only.  O(rounds · directions · times · corners), as for the sets themselves.
+Without detection delay and up to four states only.  O(rounds · directions · times · corners), as for the sets.
 
 Source: this project; inductive (invariant) sets are classical.
 """
@@ -58,7 +58,13 @@ def inductive_sets(
     sets: Mapping[str, Outer],
     stay: float,
 ) -> tuple[UltimateCertificate, FloatArray] | None:
-    """Return sets with room, and the bound (n,) of the states that they give; None where none was found."""
+    """Return sets with room, and the bound (n,) of the states that they give; None where none was found.
+
+    None too where sets are intersections of parallelotopes, with more than four states: there the room is too small for
+    a checker.
+    """
+    if any(outer.corners is None for outer in sets.values()):
+        return None
     peaks = np.max([highest(flow, exits[name], sets[name]) for name, flow in flows.items()], axis=0)
     found = {name: _thick(outer, FLAT * peaks) for name, outer in sets.items()}
     seen = seen_exits(flows, exits, found, dict.fromkeys(flows, stay))
@@ -84,8 +90,6 @@ def _kept(outer: Outer) -> InductiveSet:
     m, n = outer.directions.shape
     if n == 1:
         bases = np.array([[int(np.argmin(outer.levels / np.abs(outer.directions[:, 0])))]])
-    elif outer.corners is None:
-        bases = np.arange(m).reshape(-1, n)
     else:
         # A facet of the polar polytope names the directions that meet in a corner; opposite corners name the same.
         bases = np.unique(np.sort(polar(outer.directions, outer.levels)[0].simplices % m, axis=1), axis=0)

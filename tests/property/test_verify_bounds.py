@@ -24,6 +24,7 @@ from deshybrid.verify import bound, verify_design
 from deshybrid.verify.bound_stay import EntrySet, StayBound
 from tests.property.test_continuous_bounds import designed, dynamics, random_system
 from tests.property.test_continuous_reach import disturbed
+from tests.switched import linear, switched
 
 Tree = dict[str, Any]
 
@@ -68,6 +69,20 @@ def test_bounds_in_discrete_time_are_proved(seed: int) -> None:
     assert tree["ultimate_certificate"] is not None
     report = verify_design(tree)
     assert report.holds, str(report)
+
+
+def test_the_bound_of_five_states_is_left_unchecked_and_the_rest_is_proved() -> None:
+    rng = np.random.default_rng(1)
+    A = rng.normal(size=(5, 5)) - 5 * np.eye(5)
+    place = linear(A, rng.normal(size=(2, 5)), E=rng.normal(size=(5, 1)))
+    loop = [("p", "p", np.eye(5) + 0.1 * rng.normal(size=(5, 5)))]
+    system = switched({"p": place}, loop, bounds=Bounds(disturbance=np.array([0.7])))
+    tree = document(system, designed(system, 1.0))
+    assert tree["ultimate_bound"] > 0
+    assert tree["ultimate_certificate"] is None
+    report = verify_design(tree)
+    assert report.holds, str(report)
+    assert "`ultimate_bound`" in report.unchecked
 
 
 def smaller_bound(tree: Tree) -> None:
