@@ -28,6 +28,8 @@ ROOM = 3e-3
 """By so much levels exceed what they lead to, while they are iterated; half of it is asked for in the end."""
 FLAT = 1e-5
 """No set is thinner than this share of the errors that a stay reaches."""
+ALIKE = 1e4
+"""Modes count as nearly alike where their basis has a condition number beyond this."""
 MOST_ROUNDS = 200
 
 
@@ -60,10 +62,10 @@ def inductive_sets(
 ) -> tuple[UltimateCertificate, FloatArray] | None:
     """Return sets with room, and the bound (n,) of the states that they give; None where none was found.
 
-    None too where sets are intersections of parallelotopes, with more than four states: there the room is too small for
-    a checker.
+    None too where a checker would lack room: with more than four states, where sets are intersections of
+    parallelotopes, and where modes nearly agree, so that bounds of curvature are large.
     """
-    if any(outer.corners is None for outer in sets.values()):
+    if any(outer.corners is None for outer in sets.values()) or any(f.modes.kappa > ALIKE for f in flows.values()):
         return None
     peaks = np.max([highest(flow, exits[name], sets[name]) for name, flow in flows.items()], axis=0)
     found = {name: _thick(outer, FLAT * peaks) for name, outer in sets.items()}

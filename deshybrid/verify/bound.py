@@ -87,7 +87,10 @@ def bound_checks(
         place = f"location `{name}`"
         found.append((place, "norms are found in which errors and disturbances decay", decay[name]))
         if decay[name]:
-            found += [(place, *said) for said in _leaving(plant, claim, name, stay)]
+            said = list(_leaving(plant, claim, name, stay))
+            if not all(proved for _, proved in said):
+                said = list(_leaving(plant, claim, name, stay.finer()))
+            found += [(place, *each) for each in said]
     return tuple(found)
 
 

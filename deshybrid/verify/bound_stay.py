@@ -51,6 +51,8 @@ from deshybrid.linear.exact_inequalities import Motion, flow_decreases
 
 TURN = 0.08
 """A cell is so short that the modes that are not gone turn by this (rad) on average."""
+FINER = 0.02
+"""The same for a second try: modes that nearly agree leave large bounds of curvature."""
 GONE = 14.0
 """So many time constants of the slowest mode are looked at; what comes later is bounded by the norm."""
 AFRESH = 16
@@ -92,10 +94,10 @@ class _Seen(NamedTuple):
 
 
 class StayBound:
-    """One location.  The set has the states as its first directions, positive levels."""
+    """One location.  The set has the states as its first directions, positive levels.  `turn`: TURN or less."""
 
-    def __init__(self, motion: Motion, drive: Rational, entered: EntrySet) -> None:
-        self.motion, self.drive, self.entered = motion, drive, entered
+    def __init__(self, motion: Motion, drive: Rational, entered: EntrySet, turn: float = TURN) -> None:
+        self.motion, self.drive, self.entered, self.turn = motion, drive, entered, turn
         n = len(motion.matrix)
         self.box = entered.levels[:n]
         self.levels = np.array([upwards(level) for level in entered.levels], dtype=object)
@@ -109,6 +111,10 @@ class StayBound:
     def decays(self) -> bool:
         """Return whether both norms were proved."""
         return self.norms is not None
+
+    def finer(self) -> "StayBound":
+        """Return the same with finer cells."""
+        return StayBound(self.motion, self.drive, self.entered, FINER)
 
     def work(self, rows: int, start: Fraction) -> int:
         """Return how many products `stays_below` takes for so many rows."""
@@ -261,7 +267,7 @@ class StayBound:
         found, time = [Fraction()], 0.0
         while time < end and len(found) < MOST_TIMES:
             weights = np.exp((values.real + self._slowest) * time)
-            time += _short(TURN / float(np.sqrt((weights * np.abs(values) ** 2).sum() / weights.sum())))
+            time += _short(self.turn / float(np.sqrt((weights * np.abs(values) ** 2).sum() / weights.sum())))
             found.append(Fraction(time))
         return sorted({*found, start})
 

@@ -49,7 +49,7 @@ def test_the_bound_of_an_example_is_proved_and_no_longer_among_what_is_not_check
     assert not any("ultimate" in what for what in report.unchecked)
 
 
-@pytest.mark.parametrize("seed", [1, 3, 6])
+@pytest.mark.parametrize("seed", [0, 1, 6])
 def test_every_bound_of_a_random_system_is_proved(seed: int) -> None:
     tree = document(*disturbed(seed))
     assert tree["ultimate_certificate"] is not None
@@ -86,7 +86,7 @@ def test_the_bound_of_five_states_is_left_unchecked_and_the_rest_is_proved() -> 
 
 
 def smaller_bound(tree: Tree) -> None:
-    tree["ultimate_bound_by_state"]["h1"] *= 0.9
+    tree["ultimate_bound_by_state"]["h1"] *= 0.5
 
 
 def smaller_norm(tree: Tree) -> None:
