@@ -70,8 +70,8 @@ def run_campaign(
     ----------
     executor : Executor
         Where jobs run; it is not shut down.
-    only : names of locations
-        Entries into these count; by default into all.
+    only : sequence of str
+        Entries into these locations count; by default into all.
     ahead : int >= 1
         Jobs that are under way at once: at least the number of the executor's workers, better twice as many.
     finished : results of the first jobs
