@@ -18,7 +18,7 @@ from deshybrid.emit.records import to_json
 from deshybrid.model.problems import did_you_mean
 from deshybrid.model.system import HybridSystem
 from deshybrid.simulate.campaign import DEFAULT_ENGAGEMENTS, MAX_DRIVES, Campaign, run_campaign
-from deshybrid.simulate.campaign_jobs import DriveResult, Task
+from deshybrid.simulate.campaign_jobs import DriveResult, Rival, Task
 from deshybrid.simulate.campaign_journal import Journal
 from deshybrid.simulate.campaign_summary import Summary
 from deshybrid.simulate.replay import replay
@@ -95,8 +95,14 @@ def prepare(source: Source, wishes: Wishes) -> Prepared:
         helps = did_you_mean(unknown[0], names)
         raise UsageError(diagnostic("DH0720", f"the model has no location `{unknown[0]}`", helps=helps))
     made = compile(system, rate=wishes.rate, dwell=wishes.dwell, step=wishes.step)
-    task = None if made.observer is None else Task(made.observer, wishes.seed, wishes.duration)
+    task = None if made.observer is None else Task(made.observer, wishes.seed, wishes.duration, _rivals(system))
     return Prepared(made, wishes, task)
+
+
+def _rivals(system: HybridSystem) -> tuple[tuple[str, Rival], ...]:
+    """What the observer is compared with."""
+    comparison = system.simulation.comparison
+    return () if comparison is None else (("ratio", comparison),)
 
 
 def carry_out(
@@ -114,7 +120,7 @@ def carry_out(
 
     def count(result: DriveResult) -> None:
         told.drives += 1
-        told.engagements += sum(found.location in only for found in result.engagements)
+        told.engagements += sum(found.location in only for found in result.observer.engagements)
 
     def run(journal: Journal | None) -> Campaign:
         def keep(result: DriveResult) -> None:

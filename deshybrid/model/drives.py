@@ -1,4 +1,4 @@
-"""How a model file wants to be simulated: signals, requests, sensors.
+"""How a model file wants to be simulated: signals, requests, sensors, and what campaigns compare with.
 
 In: the decoded key `simulation`.  Out: `SimulationOptions`; DH0217 where times do not increase.
 """
@@ -12,7 +12,7 @@ from deshybrid.model.channels import Channels
 from deshybrid.model.fields import Field, Fields
 from deshybrid.model.problems import Problems
 from deshybrid.model.shapes import Expected, checked
-from deshybrid.model.system import MeasurementModel, SignalModel, SimulationOptions, Variation
+from deshybrid.model.system import MeasurementModel, RatioComparison, SignalModel, SimulationOptions, Variation
 
 
 def build_simulation(model: Fields, channels: Channels, problems: Problems) -> SimulationOptions:
@@ -29,6 +29,7 @@ def build_simulation(model: Fields, channels: Channels, problems: Problems) -> S
         _signals(written.fields("disturbance"), problems),
         MappingProxyType({name: _sensor(field.fields) for name, field in written.fields("measurement")}),
         _variation(written.fields("variation")),
+        _comparison(written.get("comparison")),
     )
 
 
@@ -70,6 +71,21 @@ def _signal(field: Field, problems: Problems) -> SignalModel:
 
 def _variation(keys: Fields) -> Variation:
     return Variation(*(keys.number(name) or 0.0 for name in ("requests", "input", "disturbance", "state")))
+
+
+def _comparison(written: Field | None) -> RatioComparison | None:
+    if written is None:
+        return None
+    keys = written.fields
+    return RatioComparison(
+        keys.text("numerator"),
+        keys.text("denominator"),
+        MappingProxyType({name: field.number or 0.0 for name, field in keys.fields("ratio")}),
+        keys.text("otherwise") or None,
+        keys.number("band") or 0.0,
+        keys.number("debounce") or 0.0,
+        keys.number("slowest") or 0.0,
+    )
 
 
 def _sensor(keys: Fields) -> MeasurementModel:

@@ -205,6 +205,18 @@ VARIATION = Record(
         Key("state", _PART, "share of each component of the initial state", needs_state=True),
     ),
 )
+COMPARISON = Record(
+    "a comparison of two outputs' ratio, which campaigns put beside the observer",
+    (
+        Key("numerator", Name("output"), "the output that is divided", required=True),
+        Key("denominator", Name("output"), "the output it is divided by", required=True),
+        Key("ratio", MapOf("location", Number(), least=1), "the ratio in these locations", required=True),
+        Key("otherwise", Name("location"), "what is named while no ratio fits; nothing where not written"),
+        Key("band", _POSITIVE, "relative distance within which a ratio fits", required=True),
+        Key("debounce", _NOT_NEGATIVE, "how long another answer must last before it is named, in seconds"),
+        Key("slowest", _NOT_NEGATIVE, "no ratio fits while the denominator is not larger than this"),
+    ),
+)
 SIMULATION = Record(
     "how `simulate` drives the model",
     (
@@ -221,6 +233,7 @@ SIMULATION = Record(
         Key("disturbance", MapOf("disturbance", SIGNAL), "the disturbances", needs_state=True),
         Key("measurement", MapOf("output", SENSOR), "the sensors", needs_state=True),
         Key("variation", VARIATION, "how the drives of `campaign` differ"),
+        Key("comparison", COMPARISON, "what `campaign` compares the observer with", needs_state=True),
     ),
 )
 BOUNDS = Record(

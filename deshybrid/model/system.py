@@ -176,6 +176,23 @@ class Variation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RatioComparison:
+    """A location is named where `numerator` over `denominator`, two outputs, lies within `band` of its `ratio`.
+
+    `otherwise` is named while none fits (None: nothing is).  Another answer must last for `debounce` (s) to be named;
+    no ratio fits while the size of the denominator is at most `slowest`.
+    """
+
+    numerator: str
+    denominator: str
+    ratio: Mapping[str, float]
+    otherwise: str | None = None
+    band: float = 0.04
+    debounce: float = 0.0
+    slowest: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SimulationOptions:
     """How `simulate` drives the model: the plant's signals, and what the sensors make of them.
 
@@ -192,6 +209,7 @@ class SimulationOptions:
     disturbance: Mapping[str, SignalModel] = field(default_factory=_nothing)
     measurement: Mapping[str, MeasurementModel] = field(default_factory=_nothing)
     variation: Variation = Variation()
+    comparison: RatioComparison | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

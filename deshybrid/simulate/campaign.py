@@ -37,9 +37,16 @@ class Campaign:
 
     @property
     def engagements(self) -> tuple[tuple[DriveResult, Engagement], ...]:
-        """The first `wanted` engagements that count, each with its drive, by job and time."""
+        """The first `wanted` engagements that count, as named by the observer, with their drives, by job and time."""
+        return self.engagements_of(0)
+
+    def engagements_of(self, detector: int) -> tuple[tuple[DriveResult, Engagement], ...]:
+        """The same engagements as another detector named them, by its place in `task.detectors`."""
         counted = [
-            (drive, found) for drive in self.drives for found in drive.engagements if found.location in self.only
+            (drive, found)
+            for drive in self.drives
+            for found in drive.namings[detector].engagements
+            if found.location in self.only
         ]
         return tuple(counted[: self.wanted])
 
@@ -107,7 +114,7 @@ def run_campaign(
                 waiting.popleft()
                 keep(result)
             drives.append(result)
-            have += sum(found.location in counted for found in result.engagements)
+            have += sum(found.location in counted for found in result.observer.engagements)
         if have < engagements:
             stopped = (_too_few(max_drives, have, engagements),)
     except LimitReached as limit:

@@ -1,7 +1,7 @@
-"""One job of a campaign: a drive, the observer at work on it, and what of it counts.
+"""One job of a campaign: a drive, the observer and its rivals at work on it, and what of it counts.
 
-In: a `Task` (the observer and the options of the campaign) and a job number.  Out: a `DriveResult`, small enough for a
-line of a file; its trace can be had again from the job number (`run_drive`).
+In: a `Task` (the observer, its rivals and the options of the campaign) and a job number.  Out: a `DriveResult`, small
+enough for a line of a file; its trace can be had again from the job number (`run_drive`).
 
 Idea: the observer itself travels to the workers, once made, so that they need neither the model file nor the design,
 and all of them run the same bits.
@@ -21,24 +21,34 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeAlias
 
+from deshybrid.model.system import RatioComparison
 from deshybrid.observer.hybrid import HybridObserver
 from deshybrid.simulate.campaign_drives import drive_seed, run_drive
+from deshybrid.simulate.comparison import names_by_ratio
 from deshybrid.simulate.execution import Execution
 from deshybrid.simulate.replay import replay
 from deshybrid.simulate.score import Engagement, score_locations
+from deshybrid.simulate.trace import Trace
 
 KINDS = ("stale", "early", "foreign")
+OBSERVER = "observer"  # its name among its rivals
+
+Rival: TypeAlias = RatioComparison | HybridObserver
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """What all jobs of a campaign share; times in s, None for the model's."""
+    """What all jobs of a campaign share; times in s, None for the model's.
+
+    `rivals`: other ways to name the locations, by their names, which get the same drives.
+    """
 
     observer: HybridObserver
     seed: int
     duration: float | None = None
+    rivals: tuple[tuple[str, Rival], ...] = ()
     minimum_stay: float = 0.3
     lead: float = 0.5
 
@@ -46,6 +56,11 @@ class Task:
     def names(self) -> tuple[str, ...]:
         """The locations, in the order of the model."""
         return tuple(location.name for location in self.observer.system.locations)
+
+    @property
+    def detectors(self) -> tuple[tuple[str, Rival], ...]:
+        """The observer and its rivals, by name."""
+        return ((OBSERVER, self.observer), *self.rivals)
 
     def execution(self, job: int) -> Execution:
         """Return the drive of one job, with its trace."""
@@ -66,12 +81,33 @@ class WrongName:
 
 
 @dataclass(frozen=True, slots=True)
+class Naming:
+    """How one detector named the locations of one drive.
+
+    `confusion`: rows by true location and by name, in the order of the model, the last column without a name; `wrong`:
+    the longest wrong name of each kind and name.
+    """
+
+    engagements: tuple[Engagement, ...]
+    confusion: tuple[tuple[int, ...], ...]
+    wrong: tuple[WrongName, ...]
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> "Naming":
+        """Return the naming of a tree.  Raises KeyError, TypeError or ValueError where it is none."""
+        confusion = tuple(tuple(map(int, row)) for row in record["confusion"])
+        if any(len(row) != len(confusion) + 1 for row in confusion):
+            raise ValueError("a confusion matrix has one column more than rows")
+        engagements = tuple(Engagement(**entry) for entry in record["engagements"])
+        return cls(engagements, confusion, tuple(WrongName(**entry) for entry in record["wrong"]))
+
+
+@dataclass(frozen=True, slots=True)
 class DriveResult:
     """What counts of one drive.
 
-    `stop`: why it ended early, or None; `pending`: requests not met; `rows` and `seconds`: its length; `confusion`:
-    rows by true location and by name, in the order of the model, the last column without a name; `wrong`: the longest
-    wrong name of each kind.
+    `stop`: why it ended early, or None; `pending`: requests not met; `rows` and `seconds`: its length; `namings`: of
+    the observer and its rivals, in the order of `Task.detectors`.
     """
 
     job: int
@@ -80,9 +116,12 @@ class DriveResult:
     seconds: float
     stop: str | None
     pending: int
-    engagements: tuple[Engagement, ...]
-    confusion: tuple[tuple[int, ...], ...]
-    wrong: tuple[WrongName, ...]
+    namings: tuple[Naming, ...]
+
+    @property
+    def observer(self) -> Naming:
+        """How the observer itself named the locations."""
+        return self.namings[0]
 
     def record(self) -> dict[str, object]:
         """Return the result as a tree for JSON."""
@@ -92,17 +131,15 @@ class DriveResult:
     def from_record(cls, record: Mapping[str, Any]) -> "DriveResult":
         """Return the result of such a tree.  Raises KeyError, TypeError or ValueError where it is none.
 
-        >>> result = DriveResult(0, 5, 9, 1.0, None, 0, (Engagement("a", 0.1, 0.9, None),), ((1, 0),), ())
+        >>> naming = Naming((Engagement("a", 0.1, 0.9, None),), ((1, 0),), ())
+        >>> result = DriveResult(0, 5, 9, 1.0, None, 0, (naming,))
         >>> DriveResult.from_record(result.record()) == result
         True
         """
-        values = dict(record)
-        values["engagements"] = tuple(Engagement(**entry) for entry in values["engagements"])
-        values["confusion"] = tuple(tuple(map(int, row)) for row in values["confusion"])
-        if any(len(row) != len(values["confusion"]) + 1 for row in values["confusion"]):
-            raise ValueError("a confusion matrix has one column more than rows")
-        values["wrong"] = tuple(WrongName(**entry) for entry in values["wrong"])
-        return cls(**values)
+        namings = tuple(Naming.from_record(entry) for entry in record["namings"])
+        if not namings:
+            raise ValueError("a drive has at least the naming of the observer")
+        return cls(**{**record, "namings": namings})
 
 
 def run_job(packed: bytes, job: int) -> DriveResult:
@@ -110,17 +147,26 @@ def run_job(packed: bytes, job: int) -> DriveResult:
     task = _unpacked(packed)
     execution = task.execution(job)
     trace = execution.trace
-    named = replay(task.observer, trace).location
-    truth, time = trace.true_location or (), trace.time.tolist()
-    found = score_locations(time, truth, named, minimum_stay=task.minimum_stay, lead=task.lead)
     return DriveResult(
         job,
         drive_seed(task.seed, job),
         len(trace),
-        time[-1] - time[0] if time else 0.0,
+        float(trace.time[-1] - trace.time[0]) if len(trace) else 0.0,
         None if execution.stop is None else execution.stop.kind,
         len(execution.pending),
-        found.engagements,
+        tuple(_naming(task, trace, rival) for _, rival in task.detectors),
+    )
+
+
+def named_by(rival: Rival, trace: Trace) -> tuple[str | None, ...]:
+    """Return the location that a detector names in each row of a trace."""
+    return names_by_ratio(rival, trace) if isinstance(rival, RatioComparison) else replay(rival, trace).location
+
+
+def _naming(task: Task, trace: Trace, rival: Rival) -> Naming:
+    time, truth, named = trace.time.tolist(), trace.true_location or (), named_by(rival, trace)
+    return Naming(
+        score_locations(time, truth, named, minimum_stay=task.minimum_stay, lead=task.lead).engagements,
         confusion_matrix(task.names, truth, named),
         longest_wrong(wrong_names(time, truth, named)),
     )
@@ -170,9 +216,13 @@ def _kind(said: str, before: str | None, after: str | None) -> str:
 
 
 def longest_wrong(found: Sequence[WrongName]) -> tuple[WrongName, ...]:
-    """Return the longest of each kind, the first among equals."""
-    by_kind = ([wrong for wrong in found if wrong.kind == kind] for kind in KINDS)
-    return tuple(max(some, key=lambda wrong: wrong.seconds) for some in by_kind if some)
+    """Return the longest of each kind and name, the first among equals, in order of kinds."""
+    longest: dict[tuple[str, str], WrongName] = {}
+    for wrong in found:
+        before = longest.get((wrong.kind, wrong.named))
+        if before is None or wrong.seconds > before.seconds:
+            longest[wrong.kind, wrong.named] = wrong
+    return tuple(sorted(longest.values(), key=lambda wrong: KINDS.index(wrong.kind)))
 
 
 def pack(task: Task) -> bytes:

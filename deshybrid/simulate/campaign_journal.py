@@ -16,7 +16,7 @@ from pathlib import Path
 from deshybrid.diagnostics import Diagnostic, UsageError, diagnostic
 from deshybrid.simulate.campaign_jobs import DriveResult
 
-FORMAT = "deshybrid-campaign-jobs/1"
+FORMAT = "deshybrid-campaign-jobs/2"
 
 
 class Journal:

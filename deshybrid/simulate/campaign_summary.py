@@ -13,6 +13,7 @@ from functools import cached_property
 
 from deshybrid.simulate.campaign import Campaign
 from deshybrid.simulate.campaign_jobs import KINDS, DriveResult, WrongName
+from deshybrid.simulate.campaign_table import TableRow, table_rows, table_text
 from deshybrid.simulate.score import (
     Engagement,
     LocationScore,
@@ -43,7 +44,7 @@ class Summary:
         size = len(self.campaign.task.names)
         sums = [[0] * (size + 1) for _ in range(size)]
         for drive in self.campaign.drives:
-            for row, counts in zip(sums, drive.confusion, strict=True):
+            for row, counts in zip(sums, drive.observer.confusion, strict=True):
                 row[:] = [a + b for a, b in zip(row, counts, strict=True)]
         return tuple(map(tuple, sums))
 
@@ -78,9 +79,14 @@ class Summary:
     @cached_property
     def longest_wrong(self) -> tuple[tuple[DriveResult, WrongName], ...]:
         """The longest wrong name of each kind with its drive; the first among equals."""
-        cases = [(drive, wrong) for drive in self.campaign.drives for wrong in drive.wrong]
+        cases = [(drive, wrong) for drive in self.campaign.drives for wrong in drive.observer.wrong]
         by_kind = ([case for case in cases if case[1].kind == kind] for kind in KINDS)
         return tuple(max(some, key=lambda case: case[1].seconds) for some in by_kind if some)
+
+    @cached_property
+    def table(self) -> tuple[TableRow, ...]:
+        """The observer beside its rivals."""
+        return table_rows(self.campaign, limit=self.limit)
 
     @property
     def within(self) -> int:
@@ -113,6 +119,7 @@ class Summary:
                 "99": score.quantile(0.99),
                 "max": score.quantile(1.0),
             },
+            "table": [row.record() for row in self.table],
             "locations": [tally_record(entry) for entry in score.tallies],
             "wrong_names": {
                 wrong.kind: {"job": drive.job, "seed": drive.seed, **_wrong_record(wrong)}
@@ -134,6 +141,7 @@ class Summary:
             f"{total.engagements} named, {percent(self.within, total.engagements)} within {self.limit:g} s",
             f"delay: 50 % within {in_seconds(score.quantile(0.5))}, 90 % within {in_seconds(score.quantile(0.9))}, "
             f"99 % within {in_seconds(score.quantile(0.99))}, all within {in_seconds(score.quantile(1.0))}",
+            *table_text(self.table, limit=self.limit),
             *tally_table(score.tallies),
             *(_wrong_line(drive, wrong) for drive, wrong in self.longest_wrong),
             *(_worst_line(drive, engagement) for drive, engagement in self.worst),

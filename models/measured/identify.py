@@ -27,12 +27,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from ralliart_log import FINAL_DRIVE, STEP, Drive, GearScore, compare_ratios, read_log, score_gears, trace_text
+from ralliart_log import FINAL_DRIVE, MODEL, STEP, Drive, GearScore, ratio_names, read_log, score_gears, trace_text
 from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import minimize
 
 Array = NDArray[np.float64]
-MODEL = Path(__file__).with_name("ralliart.yaml")
 MASS, RADIUS, J_WHEEL = 1550.0, 0.32, 1.2  # kg, m, kg m^2: known, and not to be told apart from torque gain and T_w
 J_W = MASS * RADIUS**2 + 4 * J_WHEEL
 SHORTEST = 25  # samples of a stretch worth using
@@ -281,7 +280,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options.trace.write_text(trace_text(read_log(options.log)), encoding="utf-8")
     elif options.command == "score":
         drive = read_log(options.log)
-        named: Sequence[str | None] = compare_ratios(drive)
+        named: Sequence[str | None] = ratio_names(drive)
         if options.estimate:
             with options.estimate.open(newline="", encoding="utf-8") as file:
                 named = [row["location"] or None for row in csv.DictReader(file)]

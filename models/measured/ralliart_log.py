@@ -17,9 +17,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from deshybrid.model.load import load
+from deshybrid.simulate.comparison import compare_ratios
+
 FINAL_DRIVE = 4.062
 STEP = 0.01
-RATIOS = (3.70, 2.39, 1.76, 1.32, 0.98)
+MODEL = Path(__file__).with_name("ralliart.yaml")
 REVERSE_LEVER = 7
 _RAD_PER_S = 2.0 * np.pi / 60.0  # of one revolution per minute
 
@@ -88,26 +91,12 @@ def trace_text(drive: Drive) -> str:
     return "\n".join(lines) + "\n"
 
 
-def compare_ratios(
-    drive: Drive, *, band: float = 0.04, debounce: float = 0.08, slowest: float = 20.0, step: float = STEP
-) -> list[str]:
-    """Return the location that the plain ratio comparison names, sample by sample.
-
-    A gear matches where crank over output shaft lies within `band` of its ratio and the shaft turns at more than
-    `slowest` rpm; the name changes once another answer (a gear, or none) has lasted for `debounce` seconds.
-    """
-    shaft = drive.wheel * FINAL_DRIVE
-    named, last, since, answers = 0, -1, 0, []
-    for k in range(len(drive.time)):
-        match = 0
-        if shaft[k] > slowest * _RAD_PER_S:
-            errors = [abs(drive.crank[k] / (ratio * shaft[k]) - 1.0) for ratio in RATIOS]
-            match = int(np.argmin(errors)) + 1 if min(errors) <= band else 0
-        since = k if match != last else since
-        last = match
-        named = match if (k - since) * step >= debounce - 1e-9 else named
-        answers.append(f"q{named}" if named else "qN")
-    return answers
+def ratio_names(drive: Drive) -> tuple[str | None, ...]:
+    """Return the location that the model's ratio comparison names, sample by sample."""
+    rule = load(MODEL).simulation.comparison
+    if rule is None:
+        raise ValueError(f"{MODEL} states no comparison")
+    return compare_ratios(rule, drive.time.tolist(), drive.crank.tolist(), drive.wheel.tolist())
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,11 +14,11 @@ import pytest
 import deshybrid as dh
 from deshybrid.campaigns import JOURNAL, Wishes, carry_out, files, prepare
 from deshybrid.diagnostics import UsageError
-from deshybrid.model.system import Variation
+from deshybrid.model.system import RatioComparison, Variation
 from deshybrid.simulate.campaign import Campaign, run_campaign
 from deshybrid.simulate.campaign_drives import drive_seed, vary
 from deshybrid.simulate.campaign_executor import Here, local_executor
-from deshybrid.simulate.campaign_jobs import Task
+from deshybrid.simulate.campaign_jobs import Task, named_by, wrong_names
 from deshybrid.simulate.campaign_summary import Summary
 from deshybrid.simulate.replay import replay
 
@@ -231,3 +231,41 @@ def test_the_command_tells_writes_plots_and_refuses_the_journal_of_another_seed(
     unknown = deshybrid("--only", "fil")
     assert unknown.returncode == 2
     assert "`fill`" in unknown.stderr
+
+
+@lru_cache(maxsize=1)
+def compared() -> Campaign:
+    """A short campaign of the tank beside a comparison that takes its outflow over its level for the location."""
+    system = dh.load(TANK)
+    name = system.output_names[0]
+    rule = RatioComparison(name, name, {"fill": 1.0}, None, band=0.1, debounce=0.02, slowest=0.8)
+    prepared = prepare(replace(system, simulation=replace(system.simulation, comparison=rule)), WISHES)
+    assert prepared.task is not None
+    return carry_out(prepared, prepared.task, Here())
+
+
+def test_every_detector_is_scored_on_the_same_engagements() -> None:
+    campaign = compared()
+    stays = [[(e.location, e.enter, e.leave) for _, e in campaign.engagements_of(place)] for place in (0, 1)]
+    assert stays[0] == stays[1]
+    assert [e.delay for _, e in campaign.engagements_of(0)] != [e.delay for _, e in campaign.engagements_of(1)]
+
+
+def test_the_table_is_what_a_naive_count_of_the_traces_gives() -> None:
+    campaign = compared()
+    rows = Summary(campaign).table
+    assert [(row.detector, row.into) for row in rows] == [
+        (name, into) for into in (("fill",), ("drain",)) for name in ("observer", "ratio")
+    ]
+    traces = [campaign.task.execution(drive.job).trace for drive in campaign.drives]
+    detectors = dict(campaign.task.detectors)
+    for row in rows:
+        named = [named_by(detectors[row.detector], trace) for trace in traces]
+        pairs = [p for n, t in zip(named, traces, strict=True) for p in zip(t.true_location, n, strict=True)]
+        assert row.samples == sum(true in row.into for true, _ in pairs)
+        assert row.right == sum(true in row.into and said == true for true, said in pairs)
+        assert row.wrong == sum(true in row.into and said not in (true, None) for true, said in pairs)
+        runs = [wrong for n, t in zip(named, traces, strict=True) for wrong in wrong_names(t.time, t.true_location, n)]
+        for kind, longest in row.record()["longest_wrong"].items():
+            assert longest == max((w.seconds for w in runs if w.kind == kind and w.named in row.into), default=0.0)
+    assert sum(row.engagements for row in rows if row.detector == "ratio") == WISHES.engagements

@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 MODEL = ROOT / "models" / "measured" / "ralliart.yaml"
 sys.path.insert(0, str(MODEL.parent))
 from identify import IN_MODEL, PARAMETERS, Fit, fit, main, model_value, report, stretches, with_values  # noqa: E402
-from ralliart_log import Drive, compare_ratios, read_log, score_gears, trace_text  # noqa: E402
+from ralliart_log import Drive, ratio_names, read_log, score_gears, trace_text  # noqa: E402
 
 DATA = ROOT.parent / "shared" / "data" / "ralliart"
 LOGS = {"run2": DATA / "run2_wot_manual_shift.csv", "run3": DATA / "run3_wot_auto_shift.csv"}
@@ -95,8 +95,8 @@ def test_a_log_without_a_needed_column_is_refused(tmp_path):
 
 
 def test_the_ratio_comparison_names_a_gear_after_eighty_milliseconds_in_its_band():
-    named = compare_ratios(_drive([0] * 30, [3.0] * 5 + [2.39] * 15 + [3.0] * 10))
-    assert named == ["qN"] * 13 + ["q2"] * 15 + ["qN"] * 2
+    named = ratio_names(_drive([0] * 30, [3.0] * 5 + [2.39] * 15 + [3.0] * 10))
+    assert named == ("qN",) * 13 + ("q2",) * 15 + ("qN",) * 2
 
 
 def test_a_name_before_a_closing_is_early_and_not_false():
@@ -140,7 +140,7 @@ def test_the_wrong_gear_is_named_in_less_than_one_percent_of_closed_samples(scor
 @needs_data
 @pytest.mark.parametrize("run", LOGS)
 def test_the_detector_is_right_more_often_and_false_less_often_than_the_ratio_comparison(scores, drives, run):
-    bar = score_gears(drives[run], compare_ratios(drives[run]))
+    bar = score_gears(drives[run], ratio_names(drives[run]))
     assert scores[run].right > bar.right
     assert scores[run].false < bar.false
 
@@ -150,7 +150,7 @@ def test_the_figures_written_down_for_the_measured_car_are_those_of_this_detecto
     text = (ROOT / "docs" / "decisions" / "0002-driveline-numbers.md").read_text(encoding="utf-8")
     rows = {}
     for run, drive in drives.items():
-        rows[f"{run}, ratio comparison"] = score_gears(drive, compare_ratios(drive))
+        rows[f"{run}, ratio comparison"] = score_gears(drive, ratio_names(drive))
         rows[f"{run}, this detector"] = scores[run]
     for name, found in rows.items():
         delays = ", ".join(f"{delay:+.2f}".replace("-", "−") for delay in found.delays())
