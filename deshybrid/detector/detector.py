@@ -47,9 +47,9 @@ LEAST_LEVEL = 1e-30
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectionThreshold:
-    """The lower relay level of one generator per own output channel, (p,), in output units.
+    """The lower relay level of one generator per row of its residual, (q,), in units of the row's output channel.
 
-    `steady`: the largest |r| that the bounds allow in the own location after the transient, (p,).  `guaranteed`: the
+    `steady`: the largest |r| that the bounds allow in the own location after the transient, (q,).  `guaranteed`: the
     level is above it, so that the plant's own location is never denied once the transient is over.
     """
 
@@ -204,7 +204,7 @@ def _settling(system: HybridSystem, generator: ResidualGenerator, threshold: Det
     largest = largest_state(system, generator)
     if largest is None or system.bounds.state is None:
         return None
-    mismatch = largest + np.abs(generator.projection) @ system.bounds.state
+    mismatch = largest + np.abs(generator.T) @ system.bounds.state
     return settling_ticks(generator, mismatch, threshold.level - threshold.steady)
 
 
@@ -258,9 +258,10 @@ def _require_threshold(system: HybridSystem, generator: ResidualGenerator) -> No
 
 
 def _threshold(system: HybridSystem, generator: ResidualGenerator) -> DetectionThreshold:
-    count = generator.C.shape[0]
+    count = len(generator.channels)
     steady = frozen_array(steady_bound(system, generator), (count,))
-    stated = system.observer.detector.threshold.get(generator.location.name)
+    written = system.observer.detector.threshold.get(generator.location.name)
+    stated = None if written is None else written[list(generator.channels)]
     missing = [name for name in ("disturbance", "measurement") if getattr(system.bounds, name) is None]
     ideal = f"; the model states no bound for {' and '.join(missing)}, taken as none" if missing else ""
     if stated is None:

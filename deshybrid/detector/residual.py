@@ -1,14 +1,17 @@
-"""Residual generators: one sampled Luenberger observer per location whose residual is small while the plant is there.
+"""Residual generators: one sampled linear filter per location whose residual is small while the plant is there.
 
 In: a location with its dynamics x' = A x + B u + E w + f, y = C x + D u + g + v, a step h, and poles.  Out: the
 generator
 
-    z := F z + Bz u + G y + c,   r = C z + D u + g - y,   F = A_d - G C,
+    z := F z + Bz u + G y + c,   r = H z + K u + J y + l,
 
-in the observable coordinates of the location: what the outputs never show is left out, so it can neither disturb the
-residual nor make the generator unstable.  A_d is the exact flow over a step and G is placed on the sampled pair
-(A_d, C) itself, at e^{pole·h}; then e = z - x obeys e := F e + G v - (what w does in a step), whatever the step, and
-the residual of the own location decays at the chosen rate.
+whose state follows T x: with T A_d = F T + G C and H T + J C = 0 (and the like for B, D, f, g) the error e = z - T x
+obeys e := F e + G v - T (what w does in a step) and r = H e + J v, whatever the step.  A_d is the exact flow over a
+step.  Each row of the residual belongs to one output channel, of which it contains -1.
+
+Here: the Luenberger observer F = A_d - G C, r = C z + D u + g - y, in the observable coordinates of the location: what
+the outputs never show is left out, so it can neither disturb the residual nor make the generator unstable.  G is placed
+on the sampled pair (A_d, C) itself, at e^{pole·h}, so that the residual of the own location decays at the chosen rate.
 
 Cost: one Kalman decomposition, one matrix exponential and one pole placement per location.
 Source: Balluchi et al. (2012), section 5.1 (Luenberger residual), sampled.
@@ -33,10 +36,11 @@ LEAST_PER_STEP = 2e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResidualGenerator:
-    """The generator of one location, k = its observable dimension, p and m its own channels.
+    """The generator of one location: k its order, m and p the location's own channels, q <= p rows of the residual.
 
-    Shapes: F (k, k), input (k, m), gain (k, p), offset (k,), C (p, k), start (k, p), start_offset (k,), embedding
-    (n, k) with x = embedding z + (what the outputs never show), projection (k, n).  `poles` in rad/s.
+    Shapes: F (k, k), input (k, m), gain (k, p), offset (k,); H (q, k), through (q, m), J (q, p), residual_offset (q,);
+    start (k, p), start_offset (k,); T (k, n), the state that z follows is T x.  `channels`: by row of the residual the
+    own output that it belongs to.  `poles` in rad/s.
     """
 
     location: Location
@@ -47,11 +51,14 @@ class ResidualGenerator:
     input: FloatArray
     gain: FloatArray
     offset: FloatArray
-    C: FloatArray
+    H: FloatArray
+    through: FloatArray
+    J: FloatArray
+    residual_offset: FloatArray
     start: FloatArray
     start_offset: FloatArray
-    embedding: FloatArray
-    projection: FloatArray
+    T: FloatArray
+    channels: tuple[int, ...]
 
     @property
     def time_constant(self) -> float:
@@ -123,11 +130,14 @@ def build_generator(
         input=frozen_array(projection @ sampled.B - gain @ dynamics.D, (k, m)),
         gain=frozen_array(gain, (k, p)),
         offset=frozen_array(projection @ sampled.f - gain @ dynamics.g, (k,)),
-        C=frozen_array(C, (p, k)),
+        H=frozen_array(C, (p, k)),
+        through=frozen_array(dynamics.D, (p, m)),
+        J=frozen_array(-np.eye(p), (p, p)),
+        residual_offset=frozen_array(dynamics.g, (p,)),
         start=frozen_array(start, (k, p)),
         start_offset=frozen_array(-start @ dynamics.g, (k,)),
-        embedding=frozen_array(embedding, (n, k)),
-        projection=frozen_array(projection, (k, n)),
+        T=frozen_array(projection, (k, n)),
+        channels=tuple(range(p)),
     )
 
 

@@ -1,15 +1,15 @@
 """How large a residual may get in its own location, and how long its transient lasts: bounds for every signal.
 
-The error of a residual generator obeys e(k+1) = F e(k) + G v(k) - d(k), r = C e - v, with |v| <= V at the samples and
-d(k) = ∫ e^{A(h-s)} E w(s) ds, |w| <= W, where w may vary within a step.  Once the transient is over,
+The error of a residual generator obeys e(k+1) = F e(k) + G v(k) - d(k), r = H e + J v, with |v| <= V at the samples
+and d(k) = ∫ T e^{A(h-s)} E w(s) ds, |w| <= W, where w may vary within a step.  Once the transient is over,
 
-    |r| <= Σ_k ∫ |C F^k e^{A s} E| ds W + Σ_k |C F^k G| V + V        (entrywise),
+    |r| <= Σ_k ∫ |H F^k T e^{A s} E| ds W + Σ_k |H F^k G| V + |J| V        (entrywise),
 
 the peak gain (L¹ norm) of the sampled transfer; no smaller bound holds for all w and v.  The sums stop when ‖F^m‖ is
 small; the rest is bounded by the geometric series, and the integrals by the trapezoidal rule plus its error bound, so
 that the result is an upper bound (up to rounding).
 
-In: a `ResidualGenerator` and `Bounds`.  Out: numbers per output channel of the location.  Cost: O(m (p + k) k columns)
+In: a `ResidualGenerator` and `Bounds`.  Out: numbers per row of the residual.  Cost: O(m (p + k) k columns)
 with m about 7 time constants over the step.  Source: Desoer and Vidyasagar, Feedback Systems, section 6.4 (peak gain).
 """
 
@@ -49,13 +49,13 @@ def absolute_sum(F: FloatArray, C: FloatArray, X: FloatArray) -> FloatArray:
 
 
 def steady_bound(system: HybridSystem, generator: ResidualGenerator) -> FloatArray:
-    """Return the largest |r| per channel (p,) in the own location after the transient; zero without bounds.
+    """Return the largest |r| per row (q,) in the own location after the transient; zero without bounds.
 
     A measurement bound is meant to contain quantisation.  Where the model states no bound on a disturbance or a
     measurement, the ideal case is taken: `DetectionThreshold.reason` says so.
     """
     noise = measurement_bound(system.bounds, generator)
-    bound = noise + absolute_sum(generator.F, generator.C, generator.gain) @ noise
+    bound = (np.abs(generator.J) + absolute_sum(generator.F, generator.H, generator.gain)) @ noise
     if system.bounds.disturbance is not None and system.bounds.disturbance.any():
         bound = bound + _disturbance_sum(system, generator) @ system.bounds.disturbance
     return np.asarray(bound)
@@ -68,7 +68,7 @@ def measurement_bound(bounds: Bounds, generator: ResidualGenerator) -> FloatArra
 
 
 def floor(system: HybridSystem, generator: ResidualGenerator) -> FloatArray:
-    """Return the least threshold per channel, (p,): 1/10,000 of the full scale.
+    """Return the least threshold per row of the residual, (q,): 1/10,000 of the full scale of its channel.
 
     It stands for rounding, and for inputs that are not quite constant between samples; without it a noise-free residual
     would never be small enough.
@@ -77,33 +77,30 @@ def floor(system: HybridSystem, generator: ResidualGenerator) -> FloatArray:
 
 
 def full_scale(system: HybridSystem, generator: ResidualGenerator) -> FloatArray:
-    """Return the largest |y| per own channel that the bounds on the state allow, (p,); 1 where that is not known."""
+    """Return the largest |y| of each row's channel that the bounds on the state allow, (q,); 1 where not known."""
     dynamics, bounds = generator.dynamics, system.bounds
     scale = np.zeros(dynamics.C.shape[0])
     if bounds.state is not None:
         scale = np.abs(dynamics.C) @ bounds.state + np.abs(dynamics.g)
-    return np.where(scale > 0.0, scale, 1.0)
+    return np.where(scale > 0.0, scale, 1.0)[list(generator.channels)]
 
 
 def _disturbance_sum(system: HybridSystem, generator: ResidualGenerator) -> FloatArray:
-    """Return Σ_k ∫ |C F^k e^{A s} E| ds over a step, shape (p, r); in discrete time Σ_k |C F^k E|."""
-    dynamics, step = generator.dynamics, generator.step
-    entering = generator.projection @ dynamics.E
+    """Return Σ_k ∫ |H F^k T e^{A s} E| ds over a step, shape (q, r); in discrete time Σ_k |H F^k T E|."""
+    A, E, T, step = generator.dynamics.A, generator.dynamics.E, generator.T, generator.step
     if system.time_step is not None:
-        return absolute_sum(generator.F, generator.C, entering)
+        return absolute_sum(generator.F, generator.H, T @ E)
     from scipy.linalg import expm
 
-    A = generator.projection @ dynamics.A @ generator.embedding
     panel = step / PANELS
-    flow, nodes = expm(A * panel), [entering]
+    flow, nodes = expm(A * panel), [E]
     for _ in range(PANELS):
         nodes.append(flow @ nodes[-1])
     weights = [panel / 2 if i in (0, PANELS) else panel for i in range(PANELS + 1)]
-    columns = np.hstack([weight * node for weight, node in zip(weights, nodes, strict=True)])
-    sums = absolute_sum(generator.F, generator.C, np.hstack([columns, np.eye(A.shape[0])]))
-    r = dynamics.E.shape[1]
-    trapezoid = sums[:, : columns.shape[1]].reshape(len(sums), PANELS + 1, r).sum(axis=1)
-    curvature = expm(np.abs(A) * step) @ np.abs(A) @ np.abs(A) @ np.abs(entering)
+    columns = np.hstack([T @ node * weight for weight, node in zip(weights, nodes, strict=True)])
+    sums = absolute_sum(generator.F, generator.H, np.hstack([columns, np.eye(len(generator.F))]))
+    trapezoid = sums[:, : columns.shape[1]].reshape(len(sums), PANELS + 1, E.shape[1]).sum(axis=1)
+    curvature = np.abs(T) @ expm(np.abs(A) * step) @ np.abs(A) @ np.abs(A) @ np.abs(E)
     return np.asarray(trapezoid + sums[:, columns.shape[1] :] @ curvature * (PANELS * panel**3 / 12))
 
 
@@ -144,18 +141,18 @@ def _largest_powers(F: FloatArray) -> FloatArray:
 
 
 def settling_ticks(generator: ResidualGenerator, mismatch: FloatArray, margin: FloatArray) -> int | None:
-    """Return the number of samples after which |C F^k e| <= margin for ever, for every |e| <= mismatch; None if never.
+    """Return the number of samples after which |H F^k e| <= margin for ever, for every |e| <= mismatch; None if never.
 
-    Shapes: mismatch (k,), margin (p,).
+    Shapes: mismatch (k,), margin (q,).
     """
     if not np.isfinite(mismatch).all() or (margin <= 0.0).any():
         return None
-    F, C = generator.F, generator.C
+    F, H = generator.F, generator.H
     power, last, quiet, block = np.eye(len(F)), -1, 0, 0
     for tick in range(MOST_STEPS):
-        if (np.abs(C @ power) @ mismatch > margin).any():
+        if (np.abs(H @ power) @ mismatch > margin).any():
             last = tick
-        inside = (np.abs(C).sum(axis=1) * np.max(np.abs(power) @ mismatch, initial=0.0) <= margin).all()
+        inside = (np.abs(H).sum(axis=1) * np.max(np.abs(power) @ mismatch, initial=0.0) <= margin).all()
         quiet = quiet + 1 if inside else 0
         if not block and np.linalg.norm(power, np.inf) <= 0.5:
             block = tick

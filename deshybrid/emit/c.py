@@ -135,6 +135,7 @@ def _context(tables: StepTables, prefix: str, real: Real, origin: Provenance) ->
         "n": len(tables.state_names),
         "m": len(tables.input_names),
         "r": len(tables.output_names),
+        "k": tables.generators.order,
         "state_names": tables.state_names,
         "input_names": tables.input_names,
         "output_names": tables.output_names,

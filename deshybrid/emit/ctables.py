@@ -104,10 +104,13 @@ def cost(tables: StepTables, printed: Iterable[Table], real: Real) -> Cost:
     """
     n, m, p = len(tables.state_names), len(tables.input_names), len(tables.output_names)
     online = tables.online
-    generators, resets = len(tables.generators.locations), 2 if len(tables.reset_matrix) else 0
-    products = (generators + 1) * n * (n + m + p) + generators * (n * p + p * (n + m)) + resets * n * n
+    members = 1 if online is None else layout(online).members
+    generators, k = len(tables.generators.locations), tables.generators.order
+    resets = 2 if len(tables.reset_matrix) else 0
+    of_generators = generators * ((k + p) * (k + m + p) + k * p)
+    products = n * (n + m + p) + of_generators + resets * n * n
     return Cost(
-        state_bytes=_state_bytes(n, m + p, generators, _SIZES[real], 1 if online is None else layout(online).members),
+        state_bytes=_state_bytes((n, generators * k, m + p), generators, _SIZES[real], members),
         table_bytes=sum(table.bytes for table in printed),
         multiplications=products + generators * p,
         additions=products + generators * p,
@@ -115,11 +118,11 @@ def cost(tables: StepTables, printed: Iterable[Table], real: Real) -> Cost:
     )
 
 
-def _state_bytes(n: int, channels: int, generators: int, real: int, tracker: int) -> int:
+def _state_bytes(numbers: tuple[int, int, int], generators: int, real: int, tracker: int) -> int:
     """The size of the state structure of `templates/c/header.h.j2`: (size, number) of its members in their order."""
     one = max(generators, 1)
     members = [
-        (real, max(n, 1) + max(generators * n, 1) + max(channels, 1)),
+        (real, sum(max(number, 1) for number in numbers)),
         (8, 1),
         (4, tracker + 3 + one),
         (1, 5 * one + 1),
@@ -149,9 +152,9 @@ def _generator_numbers(generators: Sequence[dict[str, Any]]) -> _Rows:
     yield "generator_offset", "by generator, by state", each("offset")
     yield "generator_start", "by generator, by state: coefficients of the first output", _joined(each("start"))
     yield "generator_start_offset", "by generator, by state", each("start_offset")
-    yield "residual_rows", "by generator, by output: coefficients of state, input", _joined(each("residual_rows"))
+    yield "residual_rows", "by generator, by output: coefficients of state, input, output", _joined(each("residual_rows"))
     yield "residual_offset", "by generator, by output", each("residual_offset")
-    yield "residual_weight", "by generator, by output: 1/threshold, 0 = not measured", each("weight")
+    yield "residual_weight", "by generator, by output: 1/threshold, 0 = no residual", each("weight")
     yield "generator_release", "by generator: level above which its relay switches off", [each("release")]
 
 

@@ -98,6 +98,7 @@ class _Sampler:
         self._patience = (
             2 + max((*tables.generators.on_ticks, *tables.generators.off_ticks, 0)) + tables.window_ticks // 4
         )
+        self._answers = [-np.linalg.pinv(matrix) for matrix in tables.generators.residual_output]  # to make r = 0
         self._pleased, self._left, self._event_chance = -1, 0, 0.0
 
     def sample(self, index: int, state: reference.State) -> tuple[tuple[Any, ...], tuple[Any, ...], int]:
@@ -116,8 +117,10 @@ class _Sampler:
             return (20.0 * self._source.random() - 10.0 for _ in range(self._outputs))
         generator = self._constants["generators"][self._pleased]
         z = reference.advance(self._constants, state).z[self._pleased]
-        predicted = reference.affine(generator["residual_rows"], generator["residual_offset"], z + given)
-        return (value * (1.0 + 1e-3 * (self._source.random() - 0.5)) for value in predicted)
+        silent = (self._number(0.0),) * self._outputs
+        shown = reference.affine(generator["residual_rows"], generator["residual_offset"], z + given + silent)
+        quiet = self._answers[self._pleased] @ np.array(shown, dtype=np.float64)
+        return (float(value) * (1.0 + 1e-3 * (self._source.random() - 0.5)) for value in quiet)
 
     def _spoiled(self, given: tuple[Any, ...], measured: tuple[Any, ...]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """Now and then a number is NaN, infinite or too large."""

@@ -7,7 +7,7 @@ In: a hybrid system, gains, a detector, a step.  Out: `FlowTables`, `GeneratorTa
 Cost: a matrix exponential per location with a gain.  Source: Balluchi et al. (2012), section 4.2, (21) and (22).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -87,11 +87,12 @@ def _growth(location: Location, matrix: FloatArray, step: float, kept: float) ->
 
 
 def fill_generators(system: HybridSystem, detector: TransitionDetector | None) -> GeneratorTables:
-    """Return the residual generators of a detector in coordinates of the full state, (G, n, ...)."""
+    """Return the residual generators of a detector, each filled up with zeros to the largest order, (G, k, ...)."""
     generators = () if detector is None else detector.generators
     thresholds = () if detector is None else detector.thresholds
-    parts = [_spread(system, g, t.level) for g, t in zip(generators, thresholds, strict=True)]
-    count, (n, m, p) = len(parts), _sizes(system)
+    k = max((len(generator.F) for generator in generators), default=0)
+    parts = [_spread(system, g, t.level, k) for g, t in zip(generators, thresholds, strict=True)]
+    count, (_, m, p) = len(parts), _sizes(system)
     names = [location.name for location in system.locations]
 
     def stack(name: str, *shape: int) -> FloatArray:
@@ -99,14 +100,15 @@ def fill_generators(system: HybridSystem, detector: TransitionDetector | None) -
 
     return GeneratorTables(
         locations=tuple(names.index(generator.location.name) for generator in generators),
-        matrix=stack("matrix", n, n),
-        input=stack("input", n, m),
-        output=stack("output", n, p),
-        offset=stack("offset", n),
-        start=stack("start", n, p),
-        start_offset=stack("start_offset", n),
-        residual_state=stack("residual_state", p, n),
+        matrix=stack("matrix", k, k),
+        input=stack("input", k, m),
+        output=stack("output", k, p),
+        offset=stack("offset", k),
+        start=stack("start", k, p),
+        start_offset=stack("start_offset", k),
+        residual_state=stack("residual_state", p, k),
         residual_input=stack("residual_input", p, m),
+        residual_output=stack("residual_output", p, p),
         residual_offset=stack("residual_offset", p),
         weight=stack("weight", p),
         release=frozen_array(np.full(count, detector.release if detector else 1.0), (count,)),
@@ -115,31 +117,33 @@ def fill_generators(system: HybridSystem, detector: TransitionDetector | None) -
     )
 
 
-def _spread(system: HybridSystem, generator: ResidualGenerator, level: FloatArray) -> dict[str, FloatArray]:
-    """One generator with the channels of the system, by the names of `GeneratorTables`."""
-    n, m, p = _sizes(system)
-    columns, rows = list(generator.location.input_index), list(generator.location.output_index)
-    embedding, dynamics = generator.embedding, generator.dynamics
-    spread = {
-        "matrix": embedding @ generator.F @ generator.projection,
-        "input": np.zeros((n, m)),
-        "output": np.zeros((n, p)),
-        "offset": embedding @ generator.offset,
-        "start": np.zeros((n, p)),
-        "start_offset": embedding @ generator.start_offset,
-        "residual_state": np.zeros((p, n)),
-        "residual_input": np.zeros((p, m)),
-        "residual_offset": np.zeros(p),
-        "weight": np.zeros(p),
+def _spread(system: HybridSystem, generator: ResidualGenerator, level: FloatArray, size: int) -> dict[str, FloatArray]:
+    """One generator of order k <= size with the channels of the system, by the names of `GeneratorTables`."""
+    _, m, p = _sizes(system)
+    own, columns, outputs = range(len(generator.F)), generator.location.input_index, generator.location.output_index
+    rows = [outputs[channel] for channel in generator.channels]
+    shown = np.zeros(p)
+    shown[rows] = 1.0 / level
+    return {
+        "matrix": _placed(generator.F, (size, size), own, own),
+        "input": _placed(generator.input, (size, m), own, columns),
+        "output": _placed(generator.gain, (size, p), own, outputs),
+        "offset": _placed(generator.offset[:, None], (size, 1), own, (0,))[:, 0],
+        "start": _placed(generator.start, (size, p), own, outputs),
+        "start_offset": _placed(generator.start_offset[:, None], (size, 1), own, (0,))[:, 0],
+        "residual_state": _placed(generator.H, (p, size), rows, own),
+        "residual_input": _placed(generator.through, (p, m), rows, columns),
+        "residual_output": _placed(generator.J, (p, p), rows, outputs),
+        "residual_offset": _placed(generator.residual_offset[:, None], (p, 1), rows, (0,))[:, 0],
+        "weight": shown,
     }
-    spread["input"][:, columns] = embedding @ generator.input
-    spread["output"][:, rows] = embedding @ generator.gain
-    spread["start"][:, rows] = embedding @ generator.start
-    spread["residual_state"][rows] = dynamics.C
-    spread["residual_input"][np.ix_(rows, columns)] = dynamics.D
-    spread["residual_offset"][rows] = dynamics.g
-    spread["weight"][rows] = 1.0 / level
-    return spread
+
+
+def _placed(part: FloatArray, shape: tuple[int, int], rows: Sequence[int], columns: Sequence[int]) -> FloatArray:
+    """The matrix with `part` at these rows and columns, and zeros elsewhere."""
+    whole = np.zeros(shape)
+    whole[np.ix_(rows, columns)] = part
+    return whole
 
 
 def fill_resets(

@@ -8,7 +8,7 @@ the step asks it what a state means and where it leads, and takes a state for a 
 Every sum runs from left to right and starts from its first product, so that a C compiler that neither reorders nor
 fuses operations gets the same bits.  (Never the built-in `sum`: since Python 3.12 it compensates rounding errors.)
 
-A tick costs at most (G + 1) n (n + m + p) + G p (n + m) + n² multiplications for G residual generators.
+A tick costs at most n (2 n + m + p) + G (k + p) (k + m + p) multiplications for G residual generators of order k.
 Source: Balluchi et al. (2012), section 4.2, (21)-(22), and Figure 15.
 """
 
@@ -134,9 +134,8 @@ def decide(generators: tuple[Tables, ...], state: State, sample_input: Numbers, 
 def is_quiet(generator: Tables, z: Numbers, on: bool, sample_input: Numbers, sample_output: Numbers) -> bool:
     """Return whether the relay is on after this sample: a small residual switches it on, a large one off."""
     limit = generator["release"] if on else 1.0
-    predictions = affine(generator["residual_rows"], generator["residual_offset"], z + sample_input)
-    for predicted, measured, weight in zip(predictions, sample_output, generator["weight"], strict=True):
-        residual = predicted - measured
+    residuals = affine(generator["residual_rows"], generator["residual_offset"], z + sample_input + sample_output)
+    for residual, weight in zip(residuals, generator["weight"], strict=True):
         size = residual if residual >= 0.0 else -residual
         if not size * weight <= limit:
             return False

@@ -9,7 +9,7 @@ meets -LARGEST <= v <= LARGEST (so neither NaN nor infinite); the held sample (u
    beginning).  At every later tick each generator state z and, while `flow` >= 0, the estimate x advance over the past
    step: z := zM z + zU u' + zY y' + zc, x := xM[flow] x + xU u' + xY y' + xc.
    A vector of which a number then leaves ±LARGEST is put back: z to z_start y' + z_start_offset, x to x_start.
-2. A valid sample becomes the held one.  Residual of generator g at it: r = rC z + rD u + rg - y.
+2. A valid sample becomes the held one.  Residual of generator g at it: r = rZ z + rU u + rY y + rc.
    Relay: on while |r_c| · weight_c <= limit in every channel c; limit is 1 to switch on, `release` to stay on (a NaN
    switches it off).  Debounce: a generator becomes active after `on_ticks` consecutive ticks with the relay on,
    inactive after `off_ticks` consecutive ticks with it off.  At an invalid sample relay, debounce and activity stay.
@@ -38,7 +38,7 @@ Status: `inconsistent` if the tick was, else `invalid` if the sample was, else b
 or `searching`.
 
 Arithmetic: every component is one sum from left to right that starts from its first product: the products with z (or x)
-in order of the columns, then those with u, then those with y, then the offset; a residual subtracts y_c last.
+in order of the columns, then those with u, then those with y, then the offset.
 """
 
 from dataclasses import dataclass
@@ -72,11 +72,12 @@ class FlowTables:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GeneratorTables:
-    """Sampled residual generators, G of them, with relay and debounce.
+    """Sampled residual generators, G of them, with relay and debounce; k is the largest order, others are padded by 0.
 
-    Shapes: matrix (G, n, n), input (G, n, m), output (G, n, p), offset (G, n), start (G, n, p), start_offset (G, n);
-    residual_state (G, p, n), residual_input (G, p, m), residual_offset (G, p), weight (G, p): 1/threshold, 0 where the
-    location does not measure the channel; release (G,) >= 1; on_ticks, off_ticks (G,) >= 1.
+    Shapes: matrix (G, k, k), input (G, k, m), output (G, k, p), offset (G, k), start (G, k, p), start_offset (G, k);
+    residual_state (G, p, k), residual_input (G, p, m), residual_output (G, p, p), residual_offset (G, p), weight
+    (G, p): 1/threshold, 0 where the generator has no residual on the channel; release (G,) >= 1; on_ticks, off_ticks
+    (G,) >= 1.
     """
 
     locations: tuple[int, ...]
@@ -88,11 +89,17 @@ class GeneratorTables:
     start_offset: FloatArray
     residual_state: FloatArray
     residual_input: FloatArray
+    residual_output: FloatArray
     residual_offset: FloatArray
     weight: FloatArray
     release: FloatArray
     on_ticks: tuple[int, ...]
     off_ticks: tuple[int, ...]
+
+    @property
+    def order(self) -> int:
+        """How many numbers each generator remembers."""
+        return self.matrix.shape[1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,12 +178,13 @@ def plain_tables(tables: StepTables) -> dict[str, object]:
 
 def _plain_generator(generators: GeneratorTables, g: int) -> dict[str, object]:
     rows = np.concatenate((generators.matrix[g], generators.input[g], generators.output[g]), axis=1)
+    parts = (generators.residual_state[g], generators.residual_input[g], generators.residual_output[g])
     return {
         "rows": _plain(rows),
         "offset": _plain(generators.offset[g]),
         "start": _plain(generators.start[g]),
         "start_offset": _plain(generators.start_offset[g]),
-        "residual_rows": _plain(np.concatenate((generators.residual_state[g], generators.residual_input[g]), axis=1)),
+        "residual_rows": _plain(np.concatenate(parts, axis=1)),
         "residual_offset": _plain(generators.residual_offset[g]),
         "weight": _plain(generators.weight[g]),
         "release": float(generators.release[g]),

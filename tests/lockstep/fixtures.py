@@ -37,6 +37,7 @@ def _generators() -> GeneratorTables:
         start_offset=np.array([[0.0, 0.0], [-0.1, 0.0]]),
         residual_state=np.array([[[1.0, 0.0]], [[1.0, 0.0]]]),
         residual_input=np.array([[[0.0]], [[0.05]]]),
+        residual_output=-np.ones((2, 1, 1)),
         residual_offset=np.array([[0.0], [0.1]]),
         weight=np.array([[5.0], [4.0]]),
         release=np.array([1.5, 2.0]),

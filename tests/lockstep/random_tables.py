@@ -14,12 +14,12 @@ from tests.strategies import random_plan
 def random_tables(seed: int) -> StepTables:
     """Return tables with up to four states, two inputs, three outputs, six locations, three generators.
 
-    Residual generators need an output, and a state or an input; without them there are none.
+    Residual generators need an output; without one there are none.
     """
     draw = random.Random(seed)
     n, m, p = draw.randrange(5), draw.randrange(3), draw.randrange(4)
     locations, events, resets = 1 + draw.randrange(6), draw.randrange(4), draw.randrange(3)
-    generators = draw.randrange(4) if p > 0 and n + m > 0 else 0
+    generators = draw.randrange(4) if p > 0 else 0
     states = 1 + draw.randrange(8)
     numbers = _numbers(draw, (n, m, p), locations, tuple(draw.randrange(locations) for _ in range(generators)), resets)
     return StepTables(
@@ -62,6 +62,7 @@ def _numbers(
 ) -> dict[str, Any]:
     """Everything in `StepTables` that is not of the tracker; `owners` are the locations that have a generator."""
     (n, m, p), generators = sizes, len(owners)
+    k = draw.randrange(n + 3)
 
     def numbers(*shape: int) -> FloatArray:
         scale = draw.choice((0.1, 0.4, 1.3))
@@ -83,14 +84,15 @@ def _numbers(
         ),
         "generators": GeneratorTables(
             locations=owners,
-            matrix=numbers(generators, n, n),
-            input=numbers(generators, n, m),
-            output=numbers(generators, n, p),
-            offset=numbers(generators, n),
-            start=numbers(generators, n, p),
-            start_offset=numbers(generators, n),
-            residual_state=numbers(generators, p, n),
+            matrix=numbers(generators, k, k),
+            input=numbers(generators, k, m),
+            output=numbers(generators, k, p),
+            offset=numbers(generators, k),
+            start=numbers(generators, k, p),
+            start_offset=numbers(generators, k),
+            residual_state=numbers(generators, p, k),
             residual_input=numbers(generators, p, m),
+            residual_output=numbers(generators, p, p),
             residual_offset=numbers(generators, p),
             weight=np.abs(numbers(generators, p)),
             release=1.0 + np.abs(numbers(generators)),

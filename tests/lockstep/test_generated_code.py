@@ -25,7 +25,7 @@ needs_compiler = pytest.mark.skipif(bool(harness.missing_compiler()), reason=har
 def discrete_tables() -> StepTables:
     """No state, no channel, no event, no signature, no generator, no reset: every dimension that may be zero is."""
     flow = [np.zeros(shape) for shape in [(1, 0, 0), (1, 0, 0), (1, 0, 0), (1, 0), (0,)]]
-    generators = [np.zeros((0,) * axes) for axes in [3, 3, 3, 2, 3, 2, 3, 3, 2, 2, 1]]
+    generators = [np.zeros((0,) * axes) for axes in [3, 3, 3, 2, 3, 2, 3, 3, 3, 2, 2, 1]]
     return StepTables(
         *("nothing", 0.1, ("on",), (), (), (), (), ()),
         FlowTables(*flow, (False,)),

@@ -51,19 +51,18 @@ def generator_of(name: str, system: HybridSystem | None = None, step: float = ST
 
 
 def residuals(generator: ResidualGenerator, w: FloatArray, v: FloatArray, error: FloatArray) -> FloatArray:
-    """r = C e - v along e := F e + G v - (what w does); w (N, s, 1) is constant over s equal parts of a step."""
+    """r = H e + J v along e := F e + G v - T (what w does); w (N, s, 1) is constant over s equal parts of a step."""
     parts = w.shape[1]
-    A = generator.projection @ generator.dynamics.A @ generator.embedding
-    E = generator.projection @ generator.dynamics.E
-    k = len(A)
-    block = expm(np.block([[A, E], [np.zeros((1, k + 1))]]) * generator.step / parts)
+    A, E = generator.dynamics.A, generator.dynamics.E
+    n = len(A)
+    block = expm(np.block([[A, E], [np.zeros((1, n + 1))]]) * generator.step / parts)
     seen = []
     for w_step, v_now in zip(w, v, strict=True):
-        seen.append(generator.C @ error - v_now)
-        moved = np.zeros(k)
+        seen.append(generator.H @ error + generator.J @ v_now)
+        moved = np.zeros(n)
         for part in w_step:
-            moved = block[:k, :k] @ moved + block[:k, k:] @ part
-        error = generator.F @ error + generator.gain @ v_now - moved
+            moved = block[:n, :n] @ moved + block[:n, n:] @ part
+        error = generator.F @ error + generator.gain @ v_now - generator.T @ moved
     return np.array(seen)
 
 
@@ -76,11 +75,12 @@ def test_noise_free_residual_of_the_own_location_is_zero_from_the_true_state_on(
     block[:3, :3], block[:3, 3:4], block[:3, 4] = dynamics.A, dynamics.B, dynamics.f
     flow = expm(block * 0.3)
     x = rng.normal(size=3)
-    z = generator.projection @ x
+    z = generator.T @ x
     for _ in range(20):
         u = rng.normal(size=1)
         y = dynamics.C @ x + dynamics.D @ u + dynamics.g
-        assert np.allclose(generator.C @ z + dynamics.D @ u + dynamics.g, y, atol=1e-9)
+        shown = generator.H @ z + generator.through @ u + generator.J @ y + generator.residual_offset
+        assert np.allclose(shown, 0.0, atol=1e-9)
         z = generator.F @ z + generator.input @ u + generator.gain @ y + generator.offset
         x = (flow @ np.concatenate([x, u, [1.0]]))[:3]
 
@@ -101,7 +101,7 @@ def test_start_explains_the_first_output() -> None:
     generator = generator_of("p")
     y = np.array([0.7, -0.3])
     z = generator.start @ y + generator.start_offset
-    assert generator.C @ z + generator.dynamics.g == pytest.approx(y)
+    assert generator.H @ z + generator.residual_offset == pytest.approx(-generator.J @ y)
 
 
 def test_default_poles_follow_rate_and_dwell_and_stay_below_what_the_step_resolves() -> None:
@@ -151,12 +151,11 @@ def test_an_adversary_reaches_the_steady_bound_and_never_exceeds_it(name: str) -
     assert system.bounds.disturbance is not None
     assert system.bounds.measurement is not None
     noise = system.bounds.measurement[list(generator.location.output_index)]
-    A = generator.projection @ generator.dynamics.A @ generator.embedding
-    E = generator.projection @ generator.dynamics.E
-    late = [expm(A * (parts - 0.5 - i) / parts * generator.step) @ E for i in range(parts)]
+    A, E = generator.dynamics.A, generator.dynamics.E
+    late = [generator.T @ expm(A * (parts - 0.5 - i) / parts * generator.step) @ E for i in range(parts)]
     for channel in range(len(bounds)):
         w, v = np.zeros((length, parts, 1)), np.zeros((length, len(noise)))
-        row = generator.C[channel]
+        row = generator.H[channel]
         v[-1] = -np.sign(np.eye(len(noise))[channel]) * noise
         for back in range(length - 2, -1, -1):
             w[back] = [-np.sign(row @ entering) * system.bounds.disturbance for entering in late]
@@ -202,7 +201,7 @@ def test_settling_is_the_last_sample_at_which_the_transient_can_exceed_the_margi
         mismatch, margin = rng.uniform(0, 10, 2), rng.uniform(0.01, 1, 2)
         power, last = np.eye(2), -1
         for tick in range(2000):
-            if (np.abs(generator.C @ power) @ mismatch > margin).any():
+            if (np.abs(generator.H @ power) @ mismatch > margin).any():
                 last = tick
             power = generator.F @ power
         assert settling_ticks(generator, mismatch, margin) == last + 1

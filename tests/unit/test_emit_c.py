@@ -28,7 +28,7 @@ ORIGIN = Provenance("lamp", "models/lamp.yaml", "3f9c" * 16, "0.1.0")
 def lamp(start: float = 0.0, **names: tuple[str, ...]) -> StepTables:
     """One state, one location, one event."""
     one = np.ones((1, 1))
-    generators = [np.zeros((0,) * axes) for axes in [3, 3, 3, 2, 3, 2, 3, 3, 2, 2, 1]]
+    generators = [np.zeros((0,) * axes) for axes in [3, 3, 3, 2, 3, 2, 3, 3, 3, 2, 2, 1]]
     flow = FlowTables(
         *(0.5 * np.ones((1, 1, 1)), np.zeros((1, 1, 0)), np.zeros((1, 1, 0)), one, np.array([start])), (True,)
     )

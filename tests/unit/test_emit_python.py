@@ -17,7 +17,7 @@ LOCATIONS = ("shut '\"\\", "open\n\u2028ω")
 
 def gate() -> StepTables:
     """Two locations told apart by their events; one state, one input, one output."""
-    generators = [np.zeros((0,) * axes) for axes in [3, 3, 3, 2, 3, 2, 3, 3, 2, 2, 1]]
+    generators = [np.zeros((0,) * axes) for axes in [3, 3, 3, 2, 3, 2, 3, 3, 3, 2, 2, 1]]
     flow = FlowTables(
         *(np.array([[[0.1]], [[0.7]]]), np.ones((2, 1, 1)) / 3, np.ones((2, 1, 1)), np.zeros((2, 1)), np.array([-0.0])),
         (True, True),

@@ -32,6 +32,7 @@ def direct_tables(tracker: tuple[TrackerState, ...], **changes: Any) -> dict[str
         start_offset=np.zeros((2, 2)),
         residual_state=np.zeros((2, 2, 2)),
         residual_input=np.zeros((2, 2, 1)),
+        residual_output=np.array([-np.eye(2), -np.eye(2)]),
         residual_offset=np.zeros((2, 2)),
         weight=np.eye(2),
         release=np.array([2.0, 2.0]),
@@ -293,7 +294,7 @@ def test_plain_tables_keep_every_bit() -> None:
     constants = plain_tables(small)
     rows = np.array(constants["flow_rows"])
     assert np.array_equal(rows, np.concatenate((small.flow.matrix, small.flow.input, small.flow.output), axis=2))
-    assert np.array_equal(np.array(constants["generators"][1]["residual_rows"]), [[1.0, 0.0, 0.05]])
+    assert np.array_equal(np.array(constants["generators"][1]["residual_rows"]), [[1.0, 0.0, 0.05, -1.0]])
 
 
 def test_a_residual_that_is_still_small_when_an_event_comes_is_no_signature() -> None:
