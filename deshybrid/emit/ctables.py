@@ -152,7 +152,7 @@ def _generator_numbers(generators: Sequence[dict[str, Any]]) -> _Rows:
     yield "generator_offset", "by generator, by state", each("offset")
     yield "generator_start", "by generator, by state: coefficients of the first output", _joined(each("start"))
     yield "generator_start_offset", "by generator, by state", each("start_offset")
-    yield "residual_rows", "by generator, by output: coefficients of state, input, output", _joined(each("residual_rows"))
+    yield "residual_rows", "by generator, by output: of state, input, output", _joined(each("residual_rows"))
     yield "residual_offset", "by generator, by output", each("residual_offset")
     yield "residual_weight", "by generator, by output: 1/threshold, 0 = no residual", each("weight")
     yield "generator_release", "by generator: level above which its relay switches off", [each("release")]

@@ -99,7 +99,7 @@ class GeneratorTables:
     @property
     def order(self) -> int:
         """How many numbers each generator remembers."""
-        return self.matrix.shape[1]
+        return int(self.matrix.shape[1])
 
 
 @dataclass(frozen=True, slots=True)

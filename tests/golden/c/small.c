@@ -110,7 +110,7 @@ static const real generator_start_offset[] = {
     -0.1, 0.0
 };
 
-/* by generator, by output: coefficients of state, input, output */
+/* by generator, by output: of state, input, output */
 static const real residual_rows[] = {
     1.0, 0.0, 0.0, -1.0,
     1.0, 0.0, 0.05, -1.0
