@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
+from deshybrid.analysis_command import analyse
 from deshybrid.campaign_command import campaign
 from deshybrid.console import open_missing_streams, say, tell_beside, working
 from deshybrid.diagnostics import (
@@ -60,6 +61,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+app.command()(analyse)
 app.command()(campaign)
 
 

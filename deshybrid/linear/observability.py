@@ -82,6 +82,28 @@ def is_observable(A: FloatArray, C: FloatArray) -> bool:
     return kalman_split(A, C).observable_dimension == len(A)
 
 
+def observability_index(A: FloatArray, C: FloatArray) -> int | None:
+    """Return the least number of rows C, C A, C A², ... that have rank n, else None; ranks as for `is_observable`.
+
+    >>> observability_index(np.array([[0.0, 1], [0, 0]]), np.array([[1.0, 0]]))
+    2
+    >>> observability_index(np.eye(2), np.array([[1.0, 0]])) is None
+    True
+    """
+    n = len(A)
+    scaled = scaled_system(A, np.zeros((n, 0)), C, np.zeros((len(C), 0)))
+    hidden = np.eye(n)
+    for rows in range(1, n + 1):
+        outside = np.eye(n) - hidden @ hidden.T
+        smaller = null_space(np.vstack([outside @ scaled.A, scaled.C]))
+        if smaller.shape[1] == 0:
+            return rows
+        if smaller.shape[1] == hidden.shape[1]:
+            return None
+        hidden = smaller
+    return None
+
+
 def fixed_modes(A: FloatArray, C: FloatArray) -> ComplexArray:
     """Return the eigenvalues of the unobservable part: eigenvalues of A - G C for every gain G; sorted, shape (n - k,).
 
@@ -97,4 +119,12 @@ def sorted_spectrum(matrix: FloatArray) -> ComplexArray:
     return values[np.lexsort((-values.imag, -values.real))]
 
 
-__all__ = ["KalmanSplit", "fixed_modes", "is_observable", "kalman_split", "observability_matrix", "sorted_spectrum"]
+__all__ = [
+    "KalmanSplit",
+    "fixed_modes",
+    "is_observable",
+    "kalman_split",
+    "observability_index",
+    "observability_matrix",
+    "sorted_spectrum",
+]

@@ -23,11 +23,13 @@ LEVEL = {
     "verify": 5,
     "compiler": 6,
     "bundle": 7,
+    "analysis": 7,
     "estimation": 7,
     "plans": 7,
     "campaigns": 7,
     "options": 8,
     "console": 7,
+    "analysis_command": 9,
     "campaign_command": 9,
     "cli": 10,
 }

@@ -1,0 +1,175 @@
+"""The command `analyse`: what can be known of a stochastic model before anything is measured.
+
+In: a stochastic model (a path or a system).  Out: an `Analysis`: which modes and switches the outputs tell apart, as
+the paper states it and on a window.
+
+Source: Hwang, Balakrishnan and Tomlin (2003).
+"""
+
+from dataclasses import dataclass
+
+from deshybrid.compiler import Source, to_hybrid
+from deshybrid.diagnostics import Diagnostic, diagnostic
+from deshybrid.stochastic.from_model import stochastic_system
+from deshybrid.stochastic.observability import LiteralVerdict, literal_verdict
+from deshybrid.stochastic.separation import Separation
+from deshybrid.stochastic.system import StochasticSystem
+from deshybrid.stochastic.telling_apart import ModePair, SwitchComparison, Window, compare_modes, compare_switches
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """The answers for one model, and what they were made from."""
+
+    name: str
+    system: StochasticSystem
+    window: Window
+    literal: LiteralVerdict
+    pairs: tuple[ModePair, ...]
+    switches: tuple[SwitchComparison, ...]
+
+    @property
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
+        """Every "no": modes (DH1202) and switches (DH1203) that the window does not tell apart."""
+        within = f"within {self.window.rows} rows with an error of {self.window.error:g}"
+        found = []
+        for pair in self.pairs:
+            if pair.distance.rows_that_suffice(self.window.error) is None:
+                text = f"modes `{pair.first}` and `{pair.second}` are not told apart {within}"
+                found.append(diagnostic("DH1202", text, notes=(_growth(pair.distance),)))
+        for switch in self.switches:
+            if switch.distance.rows_that_suffice(self.window.error) is None:
+                text = f"a switch from `{switch.source}` to `{switch.target}` is not seen {within}"
+                found.append(diagnostic("DH1203", text, notes=(_growth(switch.distance),)))
+        return tuple(found)
+
+    @property
+    def holds(self) -> bool:
+        """Whether there is no "no"."""
+        return not self.diagnostics
+
+    def record(self) -> dict[str, object]:
+        """Return what `analyse --json` prints (format `deshybrid-analysis/1`)."""
+        return {
+            "format": "deshybrid-analysis/1",
+            "name": self.name,
+            "modes": list(self.system.names),
+            "holds": self.holds,
+            "observability": {
+                **_literal_record(self.literal),
+                "window": {"rows": self.window.rows, "before": self.window.before, "error": self.window.error},
+                "pairs": [self._pair_record(pair) for pair in self.pairs],
+                "switches": [self._switch_record(switch) for switch in self.switches],
+            },
+        }
+
+    def _pair_record(self, pair: ModePair) -> dict[str, object]:
+        return {
+            "modes": [pair.first, pair.second],
+            "covariances_differ_from": pair.covariances_differ_from,
+            "differ_from": pair.differ_from,
+            **_distance_record(pair.distance, self.window.error),
+            "worst_states": {
+                "bhattacharyya": float(pair.worst_states[-1]),
+                "rows_needed": pair.rows_needed_from_worst_states(self.window.error),
+            },
+        }
+
+    def _switch_record(self, switch: SwitchComparison) -> dict[str, object]:
+        return {
+            "from": switch.source,
+            "to": switch.target,
+            "differ_from": switch.differ_from,
+            **_distance_record(switch.distance, self.window.error),
+            "time_known_to": switch.time_known_to,
+        }
+
+    def __str__(self) -> str:
+        window = self.window
+        lines = [
+            _literal_text(self.literal),
+            f"told apart with an error of {window.error:g}, {window.rows} rows looked at:",
+        ]
+        for pair in self.pairs:
+            text = _rows_text(pair.differ_from, pair.distance, window.error)
+            worst = pair.rows_needed_from_worst_states(window.error) or f"over {window.rows}"
+            lines.append(f"  {pair.first} | {pair.second}: {text}; from the worst states: {worst} or more")
+        for switch in self.switches:
+            text = _rows_text(switch.differ_from, switch.distance, window.error)
+            known = "" if switch.time_known_to is None else f"; its time is known to {switch.time_known_to}"
+            lines.append(f"  {switch.source} -> {switch.target}: {text}{known}")
+        return "\n".join(lines)
+
+
+def analyse(source: Source, *, step: float | None = None, window: Window | None = None) -> Analysis:
+    """Return what can be known of a stochastic model (a path or a system); `step` (s) in continuous time only.
+
+    Raises `ModelError` (DH1101) and `UsageError` (DH0306, DH0601, DH1103, DH1201).
+
+    >>> analyse("models/hwang2006/turn.yaml").literal.theorem_1, analyse("models/hwang2006/turn.yaml").holds
+    (False, True)
+    """
+    model = to_hybrid(source)
+    system, window = stochastic_system(model, step=step), window or Window()
+    return Analysis(
+        model.name,
+        system,
+        window,
+        literal_verdict(system),
+        compare_modes(system, window),
+        compare_switches(system, window),
+    )
+
+
+def _literal_record(verdict: LiteralVerdict) -> dict[str, object]:
+    return {
+        "lemma_2": verdict.lemma_2,
+        "lemma_3": verdict.lemma_3,
+        "theorem_1": verdict.theorem_1,
+        "joint_index": verdict.index,
+        "unobservable": list(verdict.unobservable),
+        "equal_covariances": [list(pair) for pair in verdict.equal_modes],
+        "equal_at_switch": [list(pair) for pair in verdict.equal_switches],
+    }
+
+
+def _literal_text(verdict: LiteralVerdict) -> str:
+    if verdict.index is None:
+        names = ", ".join(verdict.unobservable)
+        return f"Theorem 1 of Hwang et al. (2003), read literally: fails, since {names} is not observable by itself"
+    parts = [f"Lemma 2 {_holds(verdict.lemma_2)} on {verdict.index} rows", f"Lemma 3 {_holds(verdict.lemma_3)}"]
+    return f"Theorem 1 of Hwang et al. (2003), read literally: {_holds(verdict.theorem_1)} ({', '.join(parts)})"
+
+
+def _holds(verdict: bool) -> str:
+    return "holds" if verdict else "fails"
+
+
+def _distance_record(distance: Separation, error: float) -> dict[str, object]:
+    forward, backward, middle = distance.per_row()
+    return {
+        "rows_needed": distance.rows_needed(error),
+        "rows_that_suffice": distance.rows_that_suffice(error),
+        "kullback_leibler": [float(distance.forward[-1]), float(distance.backward[-1])],
+        "bhattacharyya": float(distance.bhattacharyya[-1]),
+        "chernoff": float(distance.chernoff[-1]),
+        "per_row": {"kullback_leibler": [forward, backward], "bhattacharyya": middle},
+    }
+
+
+def _rows_text(differ_from: int | None, distance: Separation, error: float) -> str:
+    if differ_from is None:
+        return "never"
+    needed, enough = distance.rows_needed(error), distance.rows_that_suffice(error)
+    if needed is None:
+        return f"outputs differ from row {differ_from} on, too little"
+    return f"outputs differ from row {differ_from} on; {needed} rows needed, {enough or 'more'} suffice"
+
+
+def _growth(distance: Separation) -> str:
+    *_, last = distance.per_row()
+    total = float(distance.bhattacharyya[-1])
+    return f"the Bhattacharyya distance at the end of the window is {total:.4g}; the last row added {last:.2g}"
+
+
+__all__ = ["Analysis", "analyse"]

@@ -1,0 +1,145 @@
+"""The command `analyse` and the papers' examples: what the papers say of them, and what holds."""
+
+import json
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deshybrid.analysis import analyse
+from deshybrid.model.load import load
+from deshybrid.stochastic.from_model import stochastic_system
+from deshybrid.stochastic.observability import literal_verdict
+from deshybrid.stochastic.outputs import staying
+from deshybrid.stochastic.separation import separation
+from deshybrid.stochastic.system import Mode, ModeTransition, StochasticSystem
+from deshybrid.stochastic.telling_apart import Window
+
+analyse = cache(analyse)
+MODELS = Path(__file__).parents[2] / "models"
+
+
+def run(*words: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "deshybrid.cli", *map(str, words)], capture_output=True, text=True, check=False
+    )
+
+
+def system_of(name: str) -> StochasticSystem:
+    return stochastic_system(load(MODELS / name))
+
+
+def scalar(gains, variances) -> StochasticSystem:
+    """The example of section 2.1 of Hwang et al. (2003) with Π₀ = 1."""
+    modes = [
+        Mode(name, F=[[1.0]], H=[[gain]], Q=[[0.0]], R=[[variance]])
+        for name, gain, variance in zip("ab", gains, variances, strict=True)
+    ]
+    return StochasticSystem(modes, ModeTransition("ab", [[0.9, 0.1], [0.1, 0.9]]), x=[0.0], P=[[1.0]], mu=[0.5, 0.5])
+
+
+@pytest.mark.parametrize("name", ["two_turns", "two_noises"])
+def test_theorem_1_read_literally_declares_both_aircraft_of_the_paper_unobservable(name):
+    """H and R are common to the modes, so that both sides of Lemma 3 are the same."""
+    verdict = literal_verdict(system_of(f"hwang2003/{name}.yaml"))
+    assert (verdict.lemma_2, verdict.lemma_3, verdict.theorem_1) == (True, False, False)
+    assert len(verdict.equal_switches) == 2
+
+
+@pytest.mark.parametrize(("name", "rows"), [("two_turns", 3), ("two_noises", 14), ("scalar", 34)])
+def test_the_rows_that_suffice_are_those_of_the_page(name, rows):
+    (pair,) = analyse(MODELS / f"hwang2003/{name}.yaml").pairs
+    assert pair.distance.rows_that_suffice(0.01) == rows
+
+
+@pytest.mark.parametrize("name", ["two_turns", "two_noises", "scalar"])
+def test_the_window_tells_the_modes_and_switches_of_every_example_of_the_paper_apart(name):
+    made = analyse(MODELS / f"hwang2003/{name}.yaml")
+    assert made.holds
+    assert all(switch.differ_from == 1 for switch in made.switches)
+
+
+def test_lemma_2_is_not_necessary_since_a_longer_window_tells_what_its_one_row_does_not():
+    system = system_of("hwang2003/scalar.yaml")
+    assert literal_verdict(system).equal_modes == (("first", "second"),)
+    (pair,) = analyse(MODELS / "hwang2003/scalar.yaml").pairs
+    assert pair.covariances_differ_from == 2
+
+
+def test_lemma_2_calls_the_example_without_noise_observable_though_other_states_give_the_same_outputs():
+    """The paper: (1, x) and (2, c1/c2 x) give the same outputs.  The lemma: c1² Π₀ differs from c2² Π₀."""
+    silent = scalar((1.0, 2.0), (0.0, 0.0))
+    assert literal_verdict(silent).lemma_2
+    one, two = silent.modes
+    x = np.array([3.0])
+    outputs = [staying(mode, 4, x=state, P=[[0.0]]).mean for mode, state in ((one, x), (two, x / 2.0))]
+    np.testing.assert_array_equal(*outputs)
+
+
+def test_without_a_difference_of_noise_the_scalar_example_is_told_apart_by_no_window():
+    """Equal variances: the distance stands still, and from the worst states there is none at all."""
+    (pair,) = analyse_pairs(scalar((1.0, 2.0), (1.0, 1.0)), Window(rows=300))
+    assert pair.distance.bhattacharyya[-1] - pair.distance.bhattacharyya[150] < 1e-3
+    assert pair.distance.rows_needed(0.01) is None
+    np.testing.assert_allclose(pair.worst_states, 0.0, atol=1e-9)
+
+
+def analyse_pairs(system: StochasticSystem, window: Window):
+    from deshybrid.stochastic.telling_apart import compare_modes
+
+    return compare_modes(system, window)
+
+
+def test_an_offset_tells_modes_apart_whose_covariances_never_differ():
+    (pair,) = analyse(MODELS / "hwang2006/turn.yaml").pairs
+    assert (pair.covariances_differ_from, pair.differ_from) == (None, 2)
+
+
+def test_a_known_input_tells_modes_apart_that_differ_in_nothing_but_its_effect():
+    modes = [Mode(name, F=[[0.5]], H=[[1.0]], Q=[[1.0]], R=[[1.0]], B=[[gain]]) for name, gain in (("a", 1), ("b", -1))]
+    chain = ModeTransition("ab", [[0.9, 0.1], [0.1, 0.9]])
+    system = StochasticSystem(modes, chain, x=[0.0], P=[[1.0]], mu=[0.5, 0.5])
+    for amplitude, enough in ((0.0, False), (1.0, True)):
+        u = np.full((50, 1), amplitude)
+        distance = separation(*(staying(mode, 50, x=[0.0], P=[[1.0]], u=u) for mode in modes))
+        assert (distance.rows_that_suffice(0.01) is not None) is enough
+    assert analyse_pairs(system, Window(rows=50))[0].differ_from is None
+
+
+def test_a_mode_that_is_not_observable_by_itself_fails_the_lemmas_by_name():
+    verdict = literal_verdict(system_of("hwang2006/maneuver.yaml"))
+    assert (verdict.index, verdict.unobservable, verdict.theorem_1) == (None, ("CV",), False)
+
+
+def test_analyse_prints_the_verdicts_and_exits_0_where_everything_is_told_apart():
+    done = run("analyse", MODELS / "hwang2003/two_turns.yaml")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "slow -> sharp: outputs differ from row 1 on; 1 rows needed, 2 suffice" in done.stdout
+
+
+def test_analyse_exits_1_with_a_message_for_every_no_and_writes_its_json_all_the_same():
+    done = run("analyse", MODELS / "hwang2003/scalar.yaml", "--window", "20", "--json")
+    assert done.returncode == 1
+    record = json.loads(done.stdout)
+    assert record["format"] == "deshybrid-analysis/1"
+    assert record["holds"] is False
+    assert record["observability"]["pairs"][0]["rows_that_suffice"] is None
+    assert done.stderr.count("DH1202") == 1
+    assert done.stderr.count("DH1203") == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("hwang2003/two_turns.yaml", "--error", "0.5"), "DH1204"),
+        (("balluchi2012/fig2.yaml",), "DH0306"),
+        (("balluchi2012/driveline.yaml",), "DH1101"),
+    ],
+)
+def test_analyse_refuses_what_it_cannot_analyse_with_exit_code_2(words, code):
+    done = run("analyse", MODELS / words[0], *words[1:])
+    assert done.returncode == 2
+    assert code in done.stderr
