@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from deshybrid.linear.arrays import FloatArray
-from deshybrid.stochastic.gaussian import times
+from deshybrid.stochastic.gaussian import squared_norm
+from deshybrid.stochastic.lanes import product, times, trials_last
 from deshybrid.stochastic.system import StochasticSystem
 
 
@@ -20,9 +21,16 @@ def read_only(array: FloatArray) -> FloatArray:
     >>> read_only(np.zeros(1)).flags.writeable
     False
     """
-    if array.flags.writeable:
-        array = array.copy()
-        array.flags.writeable = False
+    return sealed(array.copy(order="K")) if array.flags.writeable else array
+
+
+def sealed(array: FloatArray) -> FloatArray:
+    """Return the array itself, read-only from now on: for arrays that nobody else holds.
+
+    >>> sealed(np.zeros(1)).flags.writeable
+    False
+    """
+    array.flags.writeable = False
     return array
 
 
@@ -32,10 +40,7 @@ def log_sum(values: FloatArray) -> FloatArray:
     >>> float(log_sum(np.array([-1000.0, -1000.0]))) == -1000.0 + float(np.log(2.0))
     True
     """
-    largest = values.max(axis=-1, keepdims=True)
-    shift = np.where(np.isfinite(largest), largest, 0.0)
-    with np.errstate(divide="ignore"):
-        total: FloatArray = np.log(np.exp(values - shift).sum(axis=-1)) + shift[..., 0]
+    total: FloatArray = np.logaddexp.reduce(values, axis=-1)
     return total
 
 
@@ -76,9 +81,9 @@ class Belief:
         """
         modes, n = len(system.modes), len(system.x)
         return cls(
-            np.broadcast_to(system.x, (*trials, modes, n)).copy(),
-            np.broadcast_to(system.P, (*trials, modes, n, n)).copy(),
-            np.broadcast_to(log_probability(system.mu), (*trials, modes)).copy(),
+            trials_last(np.broadcast_to(system.x, (*trials, modes, n)), 2),
+            trials_last(np.broadcast_to(system.P, (*trials, modes, n, n)), 3),
+            trials_last(np.broadcast_to(log_probability(system.mu), (*trials, modes)), 1),
         )
 
     @property
@@ -95,7 +100,18 @@ class Belief:
     @property
     def covariance(self) -> FloatArray:
         """Covariance of the mixture (..., n, n): the modes' own, and their spread around the mean."""
-        return mixture_covariance(self.mu, self.x - self.mean[..., None, :], self.P)
+        return self.mixture()[1]
+
+    def mixture(self) -> tuple[FloatArray, FloatArray]:
+        """Return `mean` and `covariance` together.
+
+        >>> from deshybrid.stochastic.examples import calm_and_wild
+        >>> [part.tolist() for part in Belief.prior(calm_and_wild()).mixture()]
+        [[0.0], [[1.0]]]
+        """
+        mu = self.mu
+        mean = times(self.x.swapaxes(-1, -2), mu)
+        return mean, mixture_covariance(mu, self.x - mean[..., None, :], self.P)
 
 
 def mixture_covariance(weights: FloatArray, spread: FloatArray, P: FloatArray) -> FloatArray:
@@ -104,25 +120,56 @@ def mixture_covariance(weights: FloatArray, spread: FloatArray, P: FloatArray) -
     >>> mixture_covariance(np.array([0.5, 0.5]), np.array([[1.0], [-1.0]]), np.ones((2, 1, 1))).tolist()
     [[2.0]]
     """
-    flat = P.reshape(*P.shape[:-2], -1)
-    inside = (weights[..., None, :] @ flat).reshape(*weights.shape[:-1], *P.shape[-2:])
-    between: FloatArray = (spread * weights[..., None]).swapaxes(-1, -2) @ spread
-    return inside + between
+    total = _weighted_scatter(weights[..., 0], spread[..., 0, :], P[..., 0, :, :])
+    for i in range(1, P.shape[-3]):
+        total += _weighted_scatter(weights[..., i], spread[..., i, :], P[..., i, :, :])
+    return total
+
+
+def _weighted_scatter(weight: FloatArray, spread: FloatArray, P: FloatArray) -> FloatArray:
+    scatter: FloatArray = spread[..., :, None] * spread[..., None, :]
+    scatter = np.add(scatter, P, out=scatter) if scatter.shape == P.shape else scatter + P
+    scatter *= weight[..., None, None]
+    return scatter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Posterior:
-    """A belief after a measurement, with log p(z | what was seen before) and the residual's statistics.
+    """A belief after a measurement, with log p(z | what was seen before) and the residuals that it was made from.
 
-    residual (..., M, p) and S (..., M, p, p) are those of each mode; `log_likelihood` (...) and `nis` (...) those of
-    the predicted mixture: the squared residual in units of its covariance, a channel that was missing left out.
+    `log_likelihood` (...) is that of the predicted mixture; `predicted_mu` (..., M), residual (..., M, p) and
+    S (..., M, p, p) are those of each mode before the measurement, a missing channel with residual 0 and variance 1.
     """
 
     belief: Belief
     log_likelihood: FloatArray
+    predicted_mu: FloatArray
     residual: FloatArray
     S: FloatArray
-    nis: FloatArray
+
+    @property
+    def nis(self) -> FloatArray:
+        """r̄ᵀ S̄⁻¹ r̄ (...) of the predicted mixture's residual: squared, in units of its covariance."""
+        return squared_residual(self.predicted_mu, self.residual, self.S)
 
 
-__all__ = ["Belief", "Posterior", "log_probability", "log_sum", "mixture_covariance", "read_only"]
+def squared_residual(mu: FloatArray, residual: FloatArray, S: FloatArray) -> FloatArray:
+    """Return r̄ᵀ S̄⁻¹ r̄ of a mixture with weights mu (..., M), residuals (..., M, p), covariances S (..., M, p, p).
+
+    >>> float(squared_residual(np.array([1.0]), np.array([[2.0]]), np.array([[[4.0]]])))
+    1.0
+    """
+    mean = product(mu[..., None, :], residual)
+    return squared_norm(mean[..., 0, :], mixture_covariance(mu, residual - mean, S))
+
+
+__all__ = [
+    "Belief",
+    "Posterior",
+    "log_probability",
+    "log_sum",
+    "mixture_covariance",
+    "read_only",
+    "sealed",
+    "squared_residual",
+]

@@ -1,9 +1,11 @@
 """Kalman prediction and update for any number of Gaussians at once.
 
-In: means (..., n) and covariances (..., n, n), and matrices whose leading axes broadcast against theirs.  Out: new
-arrays.  Covariances are updated in Joseph form and kept symmetric; likelihoods are logarithms, so that a measurement
-far out is a large negative number and nothing more.  A channel that is NaN is left out: its row of H and its residual
-are zero and its variance is 1, which changes neither the gain nor the likelihood of the others.
+In: means (..., n) and covariances (..., n, n), and matrices with the same leading axes or the last of them, shared by
+the others.  Out: new arrays.  Covariances are symmetric to the last bit: the prediction is made so (else its
+antisymmetric part grows as F Δ Fᵀ without end), the update P - Wᵀ W, W = L⁻¹ H P with S = L Lᵀ, is so by itself.
+Likelihoods are logarithms, so that a measurement far out is a large negative number and nothing more.  A channel that
+is NaN is left out: its row of H and its residual are zero and its variance is 1, which changes neither the gain nor
+the likelihood of the others.
 
 O(n³ + p³) for each Gaussian.  Source: Bar-Shalom, Li and Kirubarajan (2001), chapter 5; Hwang et al. (2006), section 3.
 """
@@ -12,43 +14,31 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray
+from deshybrid.stochastic.lanes import cholesky, product, solve_lower, solve_upper, symmetric, times
 
 _LOG_2PI = math.log(2.0 * math.pi)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correction:
-    """An updated Gaussian, with the residual (..., p), its covariance S, the gain K (..., n, p) and log N(z; Hx, S)."""
+    """An updated Gaussian, with the residual (..., p), its covariance S = L Lᵀ, W = L⁻¹ H P and log N(z; Hx, S)."""
 
     x: FloatArray
     P: FloatArray
     residual: FloatArray
     S: FloatArray
-    K: FloatArray
+    L: FloatArray
+    W: FloatArray
     log_likelihood: FloatArray
 
-
-def times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
-    """Return matrix (..., k, n) times vector (..., n).
-
-    >>> times(np.eye(2), np.array([1.0, 2.0])).tolist()
-    [1.0, 2.0]
-    """
-    product: FloatArray = (matrix @ vector[..., None])[..., 0]
-    return product
-
-
-def symmetric(matrix: FloatArray) -> FloatArray:
-    """Return the symmetric part of (..., n, n).
-
-    >>> symmetric(np.array([[1.0, 2.0], [0.0, 1.0]])).tolist()
-    [[1.0, 1.0], [1.0, 1.0]]
-    """
-    part: FloatArray = 0.5 * (matrix + matrix.swapaxes(-1, -2))
-    return part
+    @property
+    def gain(self) -> FloatArray:
+        """The gain K = P Hᵀ S⁻¹ (..., n, p)."""
+        return solve_upper(self.L, self.W).swapaxes(-1, -2)
 
 
 def predict(
@@ -60,7 +50,7 @@ def predict(
     >>> x.tolist(), P.tolist()
     ([2.5], [[5.0]])
     """
-    return times(F, x) + push, symmetric(F @ P @ F.swapaxes(-1, -2) + Q)
+    return times(F, x) + push, symmetric(product(product(F, P), F.swapaxes(-1, -2)) + Q)
 
 
 def squared_norm(residual: FloatArray, S: FloatArray) -> FloatArray:
@@ -69,7 +59,8 @@ def squared_norm(residual: FloatArray, S: FloatArray) -> FloatArray:
     >>> float(squared_norm(np.array([2.0]), np.array([[4.0]])))
     1.0
     """
-    squares: FloatArray = (residual * np.linalg.solve(S, residual[..., None])[..., 0]).sum(axis=-1)
+    white = solve_lower(cholesky(S), residual[..., None])[..., 0]
+    squares: FloatArray = (white * white).sum(axis=-1)
     return squares
 
 
@@ -93,34 +84,38 @@ def update(x: FloatArray, P: FloatArray, residual: FloatArray, H: FloatArray, R:
     """
     H, R, residual, count = _without_missing(residual, H, R)
     transposed = H.swapaxes(-1, -2)
-    S = symmetric(H @ P @ transposed + R)
-    try:
-        whitening = np.linalg.inv(np.linalg.cholesky(S))
-    except np.linalg.LinAlgError:
-        if not np.isfinite(S).all():
-            raise overflow() from None
-        text = "the covariance of a residual is not positive definite, so that no measurement has a likelihood"
-        helps = ("give every output a measurement noise above zero",)
-        raise UsageError(diagnostic("DH1105", text, helps=helps)) from None
-    white = times(whitening, residual)
-    K = P @ transposed @ whitening.swapaxes(-1, -2) @ whitening
-    keep = np.eye(x.shape[-1]) - K @ H
-    joseph = keep @ P @ keep.swapaxes(-1, -2) + K @ R @ K.swapaxes(-1, -2)
-    log_size = np.log(np.diagonal(whitening, axis1=-2, axis2=-1)).sum(axis=-1)
-    log_likelihood = log_size - 0.5 * ((white**2).sum(axis=-1) + count * _LOG_2PI)
-    return Correction(x + times(K, residual), symmetric(joseph), residual, S, K, log_likelihood)
+    HP = product(H, P)
+    S = product(HP, transposed) + R
+    with np.errstate(invalid="ignore", divide="ignore"):
+        L = cholesky(S)
+    _require_factor(S, L)
+    white = solve_lower(L, np.concatenate([HP, residual[..., None]], axis=-1))
+    W, e = white[..., :-1], white[..., -1]
+    moved = product(W.swapaxes(-1, -2), white)  # of P and of x
+    log_size = np.log(np.diagonal(L, axis1=-2, axis2=-1)).sum(axis=-1)
+    log_likelihood = -0.5 * ((e * e).sum(axis=-1) + count * _LOG_2PI) - log_size
+    return Correction(x + moved[..., -1], P - moved[..., :-1], residual, S, L, W, log_likelihood)
+
+
+def _require_factor(S: FloatArray, L: FloatArray) -> None:
+    if np.isfinite(L).all():
+        return
+    if not np.isfinite(S).all():
+        raise overflow()
+    text = "the covariance of a residual is not positive definite, so that no measurement has a likelihood"
+    helps = ("give every output a measurement noise above zero",)
+    raise UsageError(diagnostic("DH1105", text, helps=helps))
 
 
 def _without_missing(
     residual: FloatArray, H: FloatArray, R: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.intp] | int]:
     seen = ~np.isnan(residual)
-    count = seen.sum(axis=-1).astype(np.float64)
     if seen.all():
-        return H, R, residual, count
+        return H, R, residual, residual.shape[-1]
     both = seen[..., :, None] & seen[..., None, :]
     R = np.where(both, R, np.eye(residual.shape[-1]))
-    return np.where(seen[..., None], H, 0.0), R, np.where(seen, residual, 0.0), count
+    return np.where(seen[..., None], H, 0.0), R, np.where(seen, residual, 0.0), seen.sum(axis=-1)
 
 
-__all__ = ["Correction", "overflow", "predict", "squared_norm", "symmetric", "times", "update"]
+__all__ = ["Correction", "overflow", "predict", "squared_norm", "update"]

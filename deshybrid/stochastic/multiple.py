@@ -16,8 +16,9 @@ import numpy as np
 
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import gaussian
-from deshybrid.stochastic.belief import Belief, Posterior, log_probability, log_sum, mixture_covariance
-from deshybrid.stochastic.gaussian import Correction, times
+from deshybrid.stochastic.belief import Belief, Posterior, log_probability, log_sum, mixture_covariance, sealed
+from deshybrid.stochastic.gaussian import Correction
+from deshybrid.stochastic.lanes import product, times, trials_last
 from deshybrid.stochastic.system import Bank, StochasticSystem
 
 
@@ -54,12 +55,14 @@ def mix(system: StochasticSystem, belief: Belief) -> Belief:
     """
     joint = _log_joint(system, belief)
     log_mu = log_sum(joint)
-    possible = np.isfinite(log_mu)[..., None]
-    weights = np.exp(joint - np.where(possible, log_mu[..., None], 0.0))  # (..., to, from)
-    weights = np.where(possible, weights, np.eye(joint.shape[-1]))
-    x = weights @ belief.x
+    with np.errstate(invalid="ignore"):
+        weights = np.exp(joint - log_mu[..., None])  # (..., to, from)
+    if not np.isfinite(weights).all():
+        weights = np.where(np.isfinite(log_mu)[..., None], weights, np.eye(joint.shape[-1]))
+    x = product(weights, belief.x)
     spread = belief.x[..., None, :, :] - x[..., :, None, :]
-    return Belief(x, mixture_covariance(weights, spread, belief.P[..., None, :, :, :]), log_mu)
+    P = mixture_covariance(weights, spread, belief.P[..., None, :, :, :])
+    return Belief(sealed(x), sealed(P), sealed(log_mu))
 
 
 def update(system: StochasticSystem, belief: Belief, z: FloatArray, u: FloatArray | None = None) -> Posterior:
@@ -75,8 +78,8 @@ def update(system: StochasticSystem, belief: Belief, z: FloatArray, u: FloatArra
     bank = system.comparable_bank
     correction = correct(bank, belief, z, u)
     log_mu, log_likelihood = weighed(belief.log_mu, correction.log_likelihood)
-    posterior = Belief(correction.x, correction.P, log_mu)
-    return Posterior(posterior, log_likelihood, correction.residual, correction.S, squared_residual(belief, correction))
+    posterior = Belief(sealed(correction.x), sealed(correction.P), sealed(log_mu))
+    return Posterior(posterior, log_likelihood, belief.mu, correction.residual, correction.S)
 
 
 def correct(bank: Bank, belief: Belief, z: FloatArray, u: FloatArray | None) -> Correction:
@@ -86,7 +89,8 @@ def correct(bank: Bank, belief: Belief, z: FloatArray, u: FloatArray | None) -> 
     >>> correct(calm_and_wild().bank, Belief.prior(calm_and_wild()), np.array([2.0]), None).x.round(12).tolist()
     [[1.0], [1.0]]
     """
-    residual = np.where(bank.measured, z[..., None, :], np.nan) - expected(bank, belief.x, u)
+    measured = np.where(bank.measured, trials_last(z, 1)[..., None, :], np.nan)
+    residual = measured - expected(bank, belief.x, u)
     return gaussian.update(belief.x, belief.P, residual, bank.H, bank.R)
 
 
@@ -120,19 +124,6 @@ def weighed(log_predicted: FloatArray, log_likelihood: FloatArray) -> tuple[Floa
     return joint - total[..., None], total
 
 
-def squared_residual(prior: Belief, correction: Correction) -> FloatArray:
-    """Return r̄ᵀ S̄⁻¹ r̄ of the predicted mixture's residual.
-
-    >>> from deshybrid.stochastic.examples import calm_and_wild
-    >>> prior = Belief.prior(calm_and_wild())
-    >>> float(squared_residual(prior, correct(calm_and_wild().bank, prior, np.array([1.0]), None)))
-    0.5
-    """
-    mean = times(correction.residual.swapaxes(-1, -2), prior.mu)
-    S = mixture_covariance(prior.mu, correction.residual - mean[..., None, :], correction.S)
-    return gaussian.squared_norm(mean, S)
-
-
 def _log_joint(system: StochasticSystem, belief: Belief) -> FloatArray:
     """log Π_ji µ_i, axes (..., to, from)."""
     return log_probability(system.chain.probability_to_from) + belief.log_mu[..., None, :]
@@ -140,7 +131,7 @@ def _log_joint(system: StochasticSystem, belief: Belief) -> FloatArray:
 
 def _moved(bank: Bank, x: FloatArray, P: FloatArray, log_mu: FloatArray, u: FloatArray | None) -> Belief:
     x, P = gaussian.predict(x, P, bank.F, bank.Q, pushed(bank.B, bank.f, u))
-    return Belief(x, P, log_mu)
+    return Belief(sealed(x), sealed(P), log_mu)
 
 
 __all__ = [
@@ -150,7 +141,6 @@ __all__ = [
     "predict_imm",
     "predict_mmae",
     "pushed",
-    "squared_residual",
     "update",
     "weighed",
 ]

@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import gaussian, multiple, switching
-from deshybrid.stochastic.belief import Belief, Posterior, read_only
+from deshybrid.stochastic.belief import Belief, Posterior, read_only, squared_residual
+from deshybrid.stochastic.lanes import trials_last
 from deshybrid.stochastic.residual_mean import ResidualBelief, predict_rmimm, update_rmimm
 from deshybrid.stochastic.switching import ModeNumbers
 from deshybrid.stochastic.system import StochasticSystem
@@ -108,8 +109,12 @@ def _run(
         for z, u_before, u in rows:
             state, posterior = step(state, z, u_before, u)
             belief = posterior.belief
-            found.append((belief.mean, belief.covariance, belief.mu, posterior.log_likelihood, posterior.nis))
+            found.append((*belief.mixture(), belief.mu, *_innovation(posterior)))
     return found
+
+
+def _innovation(posterior: Posterior) -> tuple[FloatArray, ...]:
+    return posterior.log_likelihood, posterior.predicted_mu, posterior.residual, posterior.S
 
 
 def estimate_known(
@@ -136,13 +141,13 @@ def estimate_known(
     moving = known if moved_by is None else _known_modes(system, moved_by, measured.shape[:-1])
     trials, n = measured.shape[:-2], len(system.x)
     x, P = np.broadcast_to(system.x, (*trials, n)), np.broadcast_to(system.P, (*trials, n, n))
-    certain, rows = np.eye(len(system.modes))[known], []
+    certain, one, rows = np.eye(len(system.modes))[known], np.ones((*trials, 1)), []
     with np.errstate(over="ignore", invalid="ignore"):  # `_stacked` looks for what is not finite
         for k, (z_row, u_before, u_row) in enumerate(_rows(measured, inputs)):
             x, P = switching.predict(system, x, P, moving[..., k], u=u_before)
             done = switching.update(system, x, P, known[..., k], z_row, u=u_row)
-            x, P = done.x, done.P
-            rows.append((x, P, certain[..., k, :], done.log_likelihood, gaussian.squared_norm(done.residual, done.S)))
+            x, P, sure = done.x, done.P, certain[..., k, :]
+            rows.append((x, P, sure, done.log_likelihood, one, done.residual[..., None, :], done.S[..., None, :, :]))
     return _stacked(rows, ~np.isnan(measured) & system.bank.measured[known])
 
 
@@ -152,6 +157,7 @@ def _records(system: StochasticSystem, z: ArrayLike, u: ArrayLike | None) -> tup
     if measured.ndim < 2 or measured.shape[-1] != outputs or np.isinf(measured).any():
         text = f"`z` has shape {measured.shape}, expected (..., rows, {outputs}) without infinite numbers"
         raise UsageError(diagnostic("DH1107", text))
+    measured = trials_last(measured, 2)
     if u is None and m == 0:
         return measured, None
     expected = (*measured.shape[:-1], m)
@@ -159,7 +165,7 @@ def _records(system: StochasticSystem, z: ArrayLike, u: ArrayLike | None) -> tup
     if inputs.shape != expected or not np.isfinite(inputs).all():
         text = f"`u` has shape {inputs.shape}, expected {expected} with finite numbers"
         raise UsageError(diagnostic("DH1107", text))
-    return measured, inputs
+    return measured, trials_last(inputs, 2)
 
 
 def _known_modes(system: StochasticSystem, modes: ArrayLike, shape: tuple[int, ...]) -> ModeNumbers:
@@ -182,11 +188,20 @@ def _rows(
 
 
 def _stacked(rows: Sequence[tuple[FloatArray, ...]], seen: NDArray[np.bool_]) -> Estimates:
-    columns = [np.stack(column, axis=seen.ndim - 2) for column in zip(*rows, strict=True)]
-    x, P, mu, log_likelihood, nis = columns
-    if not all(np.isfinite(column).all() for column in columns):
+    columns = [_one_array(column, seen.ndim - 2) for column in zip(*rows, strict=True)]
+    x, P, mu, log_likelihood, *innovation = columns
+    with np.errstate(over="ignore", invalid="ignore"):
+        nis = squared_residual(*innovation)
+    if not all(np.isfinite(column).all() for column in (x, P, mu, log_likelihood, nis)):
         raise gaussian.overflow()
     return Estimates(x, P, mu, log_likelihood, nis, channels=seen.sum(axis=-1).astype(np.float64))
+
+
+def _one_array(rows: Sequence[FloatArray], trials: int) -> FloatArray:
+    """Rows (trials, ...) as one array (trials, rows, ...), in memory row by row."""
+    row_first = np.stack([row.transpose(*range(trials, row.ndim), *range(trials)) for row in rows])
+    core = row_first.ndim - trials
+    return row_first.transpose(*range(core, row_first.ndim), *range(core))
 
 
 __all__ = ["Estimates", "UnknownModeMethod", "estimate", "estimate_known"]

@@ -22,7 +22,8 @@ import numpy as np
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import multiple
 from deshybrid.stochastic.belief import Belief, Posterior, read_only
-from deshybrid.stochastic.gaussian import squared_norm, times
+from deshybrid.stochastic.gaussian import squared_norm
+from deshybrid.stochastic.lanes import times
 from deshybrid.stochastic.system import StochasticSystem
 
 FLOOR = 0.1
@@ -96,9 +97,8 @@ def update_rmimm(
     log_mu, _ = multiple.weighed(prior.log_mu, correction.log_likelihood + weight)
     _, log_likelihood = multiple.weighed(prior.log_mu, correction.log_likelihood)
     posterior = Belief(correction.x, correction.P, log_mu)
-    state = ResidualBelief(posterior, drift - times(correction.K, residual_mean))
-    nis = multiple.squared_residual(prior, correction)
-    return state, Posterior(posterior, log_likelihood, correction.residual, correction.S, nis)
+    state = ResidualBelief(posterior, drift - times(correction.gain, residual_mean))
+    return state, Posterior(posterior, log_likelihood, prior.mu, correction.residual, correction.S)
 
 
 def _for_every_filter(u: FloatArray | None) -> FloatArray | None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic.belief import read_only
-from deshybrid.stochastic.gaussian import times
+from deshybrid.stochastic.lanes import times
 from deshybrid.stochastic.switching import ModeNumbers
 from deshybrid.stochastic.system import StochasticSystem
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import gaussian
-from deshybrid.stochastic.gaussian import Correction, times
+from deshybrid.stochastic.gaussian import Correction
+from deshybrid.stochastic.lanes import times
 from deshybrid.stochastic.system import StochasticSystem
 
 ModeNumbers = NDArray[np.intp]
