@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deshybrid.linear.arrays import FloatArray, frozen_array
-from deshybrid.stochastic.gaussian import symmetric
+from deshybrid.stochastic.lanes import symmetric
 from deshybrid.stochastic.system import Mode
 
 
