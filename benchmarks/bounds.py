@@ -67,7 +67,7 @@ def by_reachable_sets(
         return None
     flows = {name: Flow(entry.modes, drives[name], None) for name, entry in stays.items()}
     sets = entry_sets(flows, {name: entry.exits for name, entry in stays.items()}, known, beta)
-    return np.max([highest(flow, stays[name].exits, sets[name]) for name, flow in flows.items()], axis=0)
+    return np.max([highest(flow, stays[name].exits, sets[name], stay) for name, flow in flows.items()], axis=0)
 
 
 def measured(seed: int, n: int, graph: str, resets: str) -> tuple[list[float], list[float], float] | None:

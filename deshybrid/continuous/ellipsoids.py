@@ -52,7 +52,7 @@ def entry_ellipsoids(
     if not rho < 1:
         return None
     added = [
-        _size(np.abs(exit.reset) @ (stay.forced + exit.push) + exit.extra, P[exit.target])
+        _size(np.abs(exit.reset) @ stay.forced + exit.most()[0], P[exit.target])
         for stay in stays.values()
         for exit in stay.exits
     ]

@@ -67,14 +67,14 @@ def inductive_sets(
     """
     if any(outer.corners is None for outer in sets.values()) or any(f.modes.kappa > ALIKE for f in flows.values()):
         return None
-    peaks = np.max([highest(flow, exits[name], sets[name]) for name, flow in flows.items()], axis=0)
+    peaks = np.max([highest(flow, exits[name], sets[name], stay) for name, flow in flows.items()], axis=0)
     found = {name: _thick(outer, FLAT * peaks) for name, outer in sets.items()}
     seen = seen_exits(flows, exits, found, dict.fromkeys(flows, stay))
     least = {name: np.abs(outer.directions) @ (FLAT * peaks) for name, outer in found.items()}
     for _ in range(MOST_ROUNDS):
         after = one_switch(seen, found, least)
         if all((after[name] * (1 + ROOM / 2) <= found[name].levels).all() for name in found):
-            peaks = np.max([highest(flow, exits[name], found[name]) for name, flow in flows.items()], axis=0)
+            peaks = np.max([highest(flow, exits[name], found[name], stay) for name, flow in flows.items()], axis=0)
             kept = {name: _kept(outer) for name, outer in found.items()}
             return UltimateCertificate(stay, kept), np.asarray(peaks * (1 + ROOM / 2))
         found = {name: outer.at(after[name] * (1 + ROOM)) for name, outer in found.items()}

@@ -2,14 +2,15 @@
 
 In: per location how the error flows (`Flow`) and what its exits cost, and a first set that holds every entry error
 that started from zero.  Out: bounds of the entry errors along directions d: d ζ <= level.  The idea: an entry error of
-i is R (e^{F t} ζ + what the disturbance adds + push) + extra, for an entry error ζ of some j and a stay t >= β; so its
-extent along d is at most
+i is R (e^{F t} ζ + what the disturbance adds) and what the detection delay s adds, for an entry error ζ of some j and
+a time t >= β + s; so its extent along d is at most
 
-    max over exits j -> i and stays t of  h_j(d R e^{F t}) + ∫_0^t ‖d R e^{F s} N‖₁ ds + |d R| push + |d| extra,
+    max over exits j -> i, delays s, times t of  h_j(d R e^{F t}) + ∫_0^t ‖d R e^{F r} N‖₁ dr + late(d, s),
 
-where h_j(d) = max of d ζ over the set of j.  One such step takes sets that hold all entry errors into smaller sets
-that do; the steps are repeated until they no longer pay, and every one of them is a bound.  h_j is convex, so between
-two stays it is at most the larger of both plus what the row bends; sets are kept as polytopes, all of them symmetric.
+where h_j(d) = max of d ζ over the set of j, and late(d, s) is of `continuous/mismatch.py`.  One such step takes sets
+that hold all entry errors into smaller sets that do; the steps are repeated until they no longer pay, and every one of
+them is a bound.  h_j is convex, so between two stays it is at most the larger of both plus what the row bends; sets are
+kept as polytopes, all of them symmetric.
 
 Up to four states the directions cover the sphere and h is the maximum over the polytope's corners; with more states
 the polytope is the intersection of a few parallelotopes, and h the least over these.  O(rounds · directions · times ·
@@ -20,12 +21,13 @@ Source: this project; support functions as in Girard and Le Guernic's reachabili
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from deshybrid.continuous.impulse import peak_norm
-from deshybrid.continuous.mismatch import Mismatch, in_time
+from deshybrid.continuous.mismatch import Late, Mismatch, in_time
 from deshybrid.continuous.responses import Flow, bends, pushed, pushed_after, rest, rows_at, times_from
 from deshybrid.linear.arrays import FloatArray
 
@@ -83,7 +85,8 @@ class Exit(NamedTuple):
     """One exit seen along the directions of its target; everything in it is free of the sets.
 
     rows (K, T, n) = d R e^{F t} at the times of the stay; bends (K, T - 1, n) between them; rest (K, n) for all later
-    stays; pushed (K, T) = what the disturbance adds up to each time, and (K,) for ever; fixed (K,) = push and extra.
+    stays; pushed (K, T) = what the disturbance adds up to each time, and (K,) for ever; late (K, c) = what delays
+    within each of c cells add, which leave no time before that of number begins (c,).
     """
 
     source: str
@@ -93,7 +96,8 @@ class Exit(NamedTuple):
     rest: FloatArray
     pushed: FloatArray
     for_ever: FloatArray
-    fixed: FloatArray
+    late: FloatArray
+    begins: NDArray[np.intp]
 
 
 def outer_set(shape: FloatArray, known: Levels) -> Outer:
@@ -153,9 +157,10 @@ def seen_exits(
     """Return every exit along the directions of the set it leads to, for stays of at least beta (s)."""
     times = {name: times_from(flow, beta[name]) for name, flow in flows.items()}
     return [
-        _exit(name, exit, flows[name], times[name], sets[exit.target].directions)
+        _along((name, exit.target), flows[name], times[name], directions @ exit.reset, exit.kick(directions))
         for name, leaving in exits.items()
         for exit in leaving
+        for directions in [sets[exit.target].directions]
     ]
 
 
@@ -179,40 +184,31 @@ def _went_down(seen: list[Exit], first: Mapping[str, Outer]) -> dict[str, Outer]
     return sets
 
 
-def highest(flow: Flow, exits: tuple[Mismatch, ...], entered: Outer) -> FloatArray:
+def highest(flow: Flow, exits: tuple[Mismatch, ...], entered: Outer, beta: float) -> FloatArray:
     """Return a bound (n,) of each state's error during a stay that is entered with an error in `entered`.
 
-    The end of a stay counts, when the plant has jumped and the observer does not know yet.
+    The end of a stay counts, after at least beta (s), when the plant has jumped and the observer does not know yet.
     """
-    n = len(flow.modes.basis)
-    states, times = np.eye(n), times_from(flow, 0.0)
-    during = _level(_exit("", in_time("", states), flow, times, states), entered)
-    peak = peak_norm(flow.modes.eigenvalues, flow.modes.basis, step=flow.step)
-    late = [during + peak @ exit.jump + _late_push(flow, states, exit) for exit in exits]
-    return np.asarray(np.max([during, *late], axis=0))
+    states = np.eye(len(flow.modes.basis))
+    found = [_along(("", ""), flow, times_from(flow, 0.0), states, in_time("", states).shown())]
+    late = [exit for exit in exits if exit.delayed is not None]
+    found += [_along(("", ""), flow, times_from(flow, beta), states, exit.shown()) for exit in late]
+    return np.asarray(np.max([_level(exit, entered) for exit in found], axis=0))
 
 
-def _exit(source: str, exit: Mismatch, flow: Flow, times: FloatArray, directions: FloatArray) -> Exit:
-    rows = directions @ exit.reset
+def _along(leaving: tuple[str, str], flow: Flow, times: FloatArray, rows: FloatArray, late: Late) -> Exit:
     upto, last = pushed(flow, rows, times), float(times[-1])
     return Exit(
-        source=source,
-        target=exit.target,
+        source=leaving[0],
+        target=leaving[1],
         rows=rows_at(flow, rows, times),
         bends=bends(flow, rows, times),
         rest=rest(flow, rows, last),
         pushed=upto,
         for_ever=upto[:, -1] + pushed_after(flow, rows, last),
-        fixed=_late_push(flow, rows, exit) + np.abs(directions) @ exit.extra,
+        late=late.most,
+        begins=np.searchsorted(times, times[0] + late.starts, side="right") - 1,
     )
-
-
-def _late_push(flow: Flow, rows: FloatArray, exit: Mismatch) -> FloatArray:
-    """What the model error adds along rows until the exit is detected (K,)."""
-    if not exit.drive.size:
-        return np.zeros(len(rows))
-    late = pushed(Flow(flow.modes, exit.drive, flow.step), rows, np.array([0.0, exit.delay]))[:, -1]
-    return np.minimum(late, np.abs(rows) @ exit.push)
 
 
 def _level(exit: Exit, entered: Outer) -> FloatArray:
@@ -221,9 +217,12 @@ def _level(exit: Exit, entered: Outer) -> FloatArray:
     at = entered.support(exit.rows)
     between = np.maximum(at[:, :-1], at[:, 1:]) + exit.bends @ box + exit.pushed[:, 1:]
     later = exit.rest @ box + exit.for_ever
-    return np.asarray(np.maximum(between.max(axis=1, initial=0.0), later) + exit.fixed)
+    # The most from each time on: a delay leaves only times that are as much later.
+    after = np.maximum.accumulate(np.hstack([between, later[:, None]])[:, ::-1], axis=1)[:, ::-1]
+    return np.asarray((after[:, exit.begins] + exit.late).max(axis=1))
 
 
+@cache
 def _sphere(n: int) -> FloatArray:
     """Directions that cover half of the sphere: all round for two states, else seeded and pushed apart."""
     count = DIRECTIONS[n]

@@ -35,7 +35,7 @@ from deshybrid.continuous.gains import ObserverGains
 from deshybrid.continuous.impulse import impulse_norm
 from deshybrid.continuous.inductive import UltimateCertificate, inductive_sets
 from deshybrid.continuous.lmi import InequalityCertificate
-from deshybrid.continuous.mismatch import mismatches, missing_bounds
+from deshybrid.continuous.mismatch import Mismatch, mismatches, missing_bounds
 from deshybrid.continuous.modes import ModalBasis, modal_basis
 from deshybrid.continuous.reach import Levels, entry_sets, highest
 from deshybrid.continuous.responses import Flow
@@ -98,10 +98,10 @@ def ultimate_bound(
         return _bound(certificate, None, missing)
     dynamics = error_dynamics(system, gains.gains)
     bases = {name: modal_basis(dynamics.matrices[name], certificate.scale, step=dynamics.step) for name in gains.gains}
-    stays = _stays(system, gains, bases, delay)
-    beta = certificate.dwell - delay
+    beta, longest = certificate.dwell - delay, certificate.dwell
     if dynamics.step is not None:
-        beta = stay_steps(beta, dynamics.step) * dynamics.step
+        beta, longest = (stay_steps(stay, dynamics.step) * dynamics.step for stay in (beta, longest))
+    stays = _stays(system, gains, bases, mismatches(system, gains.gains, delay, longest))
     start, known = "equation (31)" if delay == 0 else "equation (49), its lemma repaired", None
     if certificate.holds:
         known = _by_condition_20(system, gains, certificate, stays, beta)
@@ -153,9 +153,11 @@ def _scales(system: HybridSystem, gains: ObserverGains, certificate: DwellTimeCe
 
 
 def _stays(
-    system: HybridSystem, gains: ObserverGains, bases: Mapping[str, ModalBasis], delay: float
+    system: HybridSystem,
+    gains: ObserverGains,
+    bases: Mapping[str, ModalBasis],
+    late: Mapping[str, tuple[Mismatch, ...]],
 ) -> dict[str, Stay]:
-    late = mismatches(system, gains.gains, bases, delay)
     return {name: Stay(_forced(system, gains, name, bases[name]), bases[name], late[name]) for name in gains.locations}
 
 
@@ -185,11 +187,13 @@ def _reachable(
     flows = {n: Flow(stay.modes, _drive(system, gains, n), system.time_step) for n, stay in stays.items()}
     exits = {name: stay.exits for name, stay in stays.items()}
     sets = entry_sets(flows, exits, known, dict.fromkeys(flows, beta))
-    if not any(exit.delay for leaving in exits.values() for exit in leaving):
+    if all(exit.delayed is None for leaving in exits.values() for exit in leaving):
         proved = inductive_sets(flows, exits, sets, beta)
         if proved is not None:
             return proved[1], proved[0]
-    return np.asarray(np.max([highest(flow, exits[name], sets[name]) for name, flow in flows.items()], axis=0)), None
+    return np.asarray(
+        np.max([highest(flow, exits[name], sets[name], beta) for name, flow in flows.items()], axis=0)
+    ), None
 
 
 def _in_norm(
@@ -200,19 +204,20 @@ def _in_norm(
     def size(vector: FloatArray) -> float:
         return float(np.linalg.norm(vector / scale))
 
-    kappas, kicks = {}, [0.0]
+    kappas, shown, kicks = {}, {}, [0.0]
     for name, stay in stays.items():
         basis = modal_basis(dynamics.matrices[name], scale, step=dynamics.step)
         norm = reset_norm([reset.matrix for reset in dynamics.exits(name)], scale)
         if needed_dwell(basis, norm, rate) > beta:
             return None
         kappas[name] = basis.kappa
-        kicks += [size(np.abs(e.reset) @ (stay.forced + e.push) + e.extra) for e in stay.exits]
+        late = [exit.most() for exit in stay.exits]
+        kicks += [size(np.abs(e.reset) @ stay.forced + kick) for e, (kick, _) in zip(stay.exits, late, strict=True)]
+        shown[name] = np.max([np.zeros(len(scale)), *(most for _, most in late)], axis=0)
     level = max(kicks) / -expm1(-rate * beta)
     peaks = [np.zeros(len(scale))]
     for name, stay in stays.items():
-        peaks.append(scale * kappas[name] * level + stay.forced)
-        peaks += [scale * kappas[name] * (level + size(e.jump)) + stay.forced + e.push for e in stay.exits]
+        peaks.append(scale * kappas[name] * level + stay.forced + shown[name])
     return np.asarray(np.max(peaks, axis=0))
 
 
