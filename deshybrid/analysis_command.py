@@ -18,19 +18,27 @@ def analyse(
     model: Model,
     window: Annotated[int, typer.Option(min=1, max=2000, help="rows that are compared")] = 100,
     error: Annotated[float, typer.Option(help="probability of a wrong name, below 0.5")] = 0.01,
+    factor: Annotated[float, typer.Option(help="by which errors have to shrink a row, between 0 and 1")] = 0.99,
+    delay: Annotated[int, typer.Option(min=0, help="rows until a switch is known")] = 0,
+    error_bound: Annotated[float, typer.Option(min=0.0, help="the mean error that may be left")] = 0.0,
+    state_bound: Annotated[
+        float | None, typer.Option(min=0.0, help="bound of every mean state; default: the model's `bounds: state`")
+    ] = None,
     step: Annotated[float | None, typer.Option(help="distance of rows in s; for models in continuous time")] = None,
     timeout: Timeout = None,
     as_json: AsJson = False,
     output: Output = None,
 ) -> None:
-    """Which modes and switches do the outputs of a stochastic model tell apart, and after how many rows?"""
-    from deshybrid import analysis
+    """What can be known of a stochastic model beforehand: modes told apart, rows between switches, filters."""
+    from deshybrid.analysis.whole import Question
+    from deshybrid.analysis.whole import analyse as answer
     from deshybrid.emit.files import write_result
     from deshybrid.emit.records import to_json
     from deshybrid.stochastic.telling_apart import Window
 
     with working("analysing", timeout):
-        made = analysis.analyse(model, step=step, window=Window(rows=window, error=error))
+        question = Question(Window(window, error=error), factor, delay, error_bound, state_bound, step)
+        made = answer(model, question)
         text = to_json(made.record()) if as_json else f"{made}\n"
     write_result(output, text.encode())
     say(made.diagnostics)

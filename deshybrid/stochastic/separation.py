@@ -101,13 +101,26 @@ def separation(first: OutputGaussian, second: OutputGaussian) -> Separation:
     [0.0, 0.195, 0.427]
     """
     p, L1, L2 = _outputs(first), _factor(first), _factor(second)
-    chernoff = np.stack([_chernoff(first, second, L1, L2, s) for s in EXPONENTS])[:, p - 1 :: p]
     return Separation(
         _kullback_leibler(first, second, L1, L2)[p - 1 :: p],
         _kullback_leibler(second, first, L2, L1)[p - 1 :: p],
-        chernoff[EXPONENTS.index(0.5)],
-        chernoff.max(axis=0),
+        _chernoff(first, second, L1, L2, 0.5)[p - 1 :: p],
+        chernoff_distance(first, second),
     )
+
+
+def chernoff_distance(first: OutputGaussian, second: OutputGaussian) -> FloatArray:
+    """Return the Chernoff distance (N,) of every window, the largest over `EXPONENTS`; raises as `separation`.
+
+    >>> from deshybrid.stochastic.examples import calm_and_wild
+    >>> from deshybrid.stochastic.outputs import staying
+    >>> calm, wild = (staying(mode, 3, x=[0.0], P=[[1.0]]) for mode in calm_and_wild().modes)
+    >>> chernoff_distance(calm, wild).round(3).tolist()
+    [0.0, 0.209, 0.47]
+    """
+    p, L1, L2 = _outputs(first), _factor(first), _factor(second)
+    found: FloatArray = np.stack([_chernoff(first, second, L1, L2, s) for s in EXPONENTS]).max(axis=0)[p - 1 :: p]
+    return found
 
 
 def unexplained(first: OutputGaussian, second: OutputGaussian, states: FloatArray) -> FloatArray:
@@ -202,4 +215,4 @@ def _least_square(free: FloatArray, difference: FloatArray) -> float:
     return float(left @ left)
 
 
-__all__ = ["EXPONENTS", "Separation", "cholesky", "least_error", "separation", "unexplained"]
+__all__ = ["EXPONENTS", "Separation", "chernoff_distance", "cholesky", "least_error", "separation", "unexplained"]

@@ -23,7 +23,7 @@ from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic.observability import rows_that_agree
 from deshybrid.stochastic.outputs import OutputGaussian, staying, switching_once
-from deshybrid.stochastic.separation import Separation, least_error, separation, unexplained
+from deshybrid.stochastic.separation import Separation, chernoff_distance, least_error, separation, unexplained
 from deshybrid.stochastic.system import Mode, StochasticSystem
 
 
@@ -157,7 +157,7 @@ def _compared(
 
 def _told(first: OutputGaussian, second: OutputGaussian, error: float) -> bool:
     """Whether the whole window tells the two apart."""
-    return bool(0.5 * np.exp(-separation(first, second).chernoff[-1]) <= error)
+    return bool(0.5 * np.exp(-chernoff_distance(first, second)[-1]) <= error)
 
 
 def _first_after(agreeing: int, rows: int) -> int | None:

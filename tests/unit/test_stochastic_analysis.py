@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deshybrid.analysis import analyse
+from deshybrid.analysis.whole import analyse
 from deshybrid.model.load import load
 from deshybrid.stochastic.from_model import stochastic_system
 from deshybrid.stochastic.observability import literal_verdict
@@ -51,21 +51,21 @@ def test_theorem_1_read_literally_declares_both_aircraft_of_the_paper_unobservab
 
 @pytest.mark.parametrize(("name", "rows"), [("two_turns", 3), ("two_noises", 14), ("scalar", 34)])
 def test_the_rows_that_suffice_are_those_of_the_page(name, rows):
-    (pair,) = analyse(MODELS / f"hwang2003/{name}.yaml").pairs
+    (pair,) = analyse(MODELS / f"hwang2003/{name}.yaml").observability.pairs
     assert pair.distance.rows_that_suffice(0.01) == rows
 
 
 @pytest.mark.parametrize("name", ["two_turns", "two_noises", "scalar"])
 def test_the_window_tells_the_modes_and_switches_of_every_example_of_the_paper_apart(name):
     made = analyse(MODELS / f"hwang2003/{name}.yaml")
-    assert made.holds
-    assert all(switch.differ_from == 1 for switch in made.switches)
+    assert made.observability.diagnostics == ()
+    assert all(switch.differ_from == 1 for switch in made.observability.switches)
 
 
 def test_lemma_2_is_not_necessary_since_a_longer_window_tells_what_its_one_row_does_not():
     system = system_of("hwang2003/scalar.yaml")
     assert literal_verdict(system).equal_modes == (("first", "second"),)
-    (pair,) = analyse(MODELS / "hwang2003/scalar.yaml").pairs
+    (pair,) = analyse(MODELS / "hwang2003/scalar.yaml").observability.pairs
     assert pair.covariances_differ_from == 2
 
 
@@ -94,7 +94,7 @@ def analyse_pairs(system: StochasticSystem, window: Window):
 
 
 def test_an_offset_tells_modes_apart_whose_covariances_never_differ():
-    (pair,) = analyse(MODELS / "hwang2006/turn.yaml").pairs
+    (pair,) = analyse(MODELS / "hwang2006/turn.yaml").observability.pairs
     assert (pair.covariances_differ_from, pair.differ_from) == (None, 2)
 
 

@@ -1,16 +1,12 @@
-"""The command `analyse`: what can be known of a stochastic model before anything is measured.
+"""The part of `analyse` on observability: which modes and switches the outputs tell apart, as printed and on a window.
 
-In: a stochastic model (a path or a system).  Out: an `Analysis`: which modes and switches the outputs tell apart, as
-the paper states it and on a window.
-
-Source: Hwang, Balakrishnan and Tomlin (2003).
+In: a `StochasticSystem` and a `Window`.  Out: verdicts with their text, their JSON and a message for every "no".
+Source: Hwang, Balakrishnan and Tomlin (2003), section 2.
 """
 
 from dataclasses import dataclass
 
-from deshybrid.compiler import Source, to_hybrid
 from deshybrid.diagnostics import Diagnostic, diagnostic
-from deshybrid.stochastic.from_model import stochastic_system
 from deshybrid.stochastic.observability import LiteralVerdict, literal_verdict
 from deshybrid.stochastic.separation import Separation
 from deshybrid.stochastic.system import StochasticSystem
@@ -18,11 +14,9 @@ from deshybrid.stochastic.telling_apart import ModePair, SwitchComparison, Windo
 
 
 @dataclass(frozen=True, eq=False)
-class Analysis:
-    """The answers for one model, and what they were made from."""
+class Observability:
+    """The literal verdict of the paper, and what the window tells apart."""
 
-    name: str
-    system: StochasticSystem
     window: Window
     literal: LiteralVerdict
     pairs: tuple[ModePair, ...]
@@ -43,24 +37,13 @@ class Analysis:
                 found.append(diagnostic("DH1203", text, notes=(_growth(switch.distance),)))
         return tuple(found)
 
-    @property
-    def holds(self) -> bool:
-        """Whether there is no "no"."""
-        return not self.diagnostics
-
     def record(self) -> dict[str, object]:
-        """Return what `analyse --json` prints (format `deshybrid-analysis/1`)."""
+        """Return the part of the JSON."""
         return {
-            "format": "deshybrid-analysis/1",
-            "name": self.name,
-            "modes": list(self.system.names),
-            "holds": self.holds,
-            "observability": {
-                **_literal_record(self.literal),
-                "window": {"rows": self.window.rows, "before": self.window.before, "error": self.window.error},
-                "pairs": [self._pair_record(pair) for pair in self.pairs],
-                "switches": [self._switch_record(switch) for switch in self.switches],
-            },
+            **_literal_record(self.literal),
+            "window": {"rows": self.window.rows, "before": self.window.before, "error": self.window.error},
+            "pairs": [self._pair_record(pair) for pair in self.pairs],
+            "switches": [self._switch_record(switch) for switch in self.switches],
         }
 
     def _pair_record(self, pair: ModePair) -> dict[str, object]:
@@ -101,23 +84,15 @@ class Analysis:
         return "\n".join(lines)
 
 
-def analyse(source: Source, *, step: float | None = None, window: Window | None = None) -> Analysis:
-    """Return what can be known of a stochastic model (a path or a system); `step` (s) in continuous time only.
+def observability(system: StochasticSystem, window: Window) -> Observability:
+    """Return the part on observability; raises `UsageError` (DH1103, DH1201).
 
-    Raises `ModelError` (DH1101) and `UsageError` (DH0306, DH0601, DH1103, DH1201).
-
-    >>> analyse("models/hwang2006/turn.yaml").literal.theorem_1, analyse("models/hwang2006/turn.yaml").holds
-    (False, True)
+    >>> from deshybrid.stochastic.examples import calm_and_wild
+    >>> observability(calm_and_wild(), Window()).diagnostics
+    ()
     """
-    model = to_hybrid(source)
-    system, window = stochastic_system(model, step=step), window or Window()
-    return Analysis(
-        model.name,
-        system,
-        window,
-        literal_verdict(system),
-        compare_modes(system, window),
-        compare_switches(system, window),
+    return Observability(
+        window, literal_verdict(system), compare_modes(system, window), compare_switches(system, window)
     )
 
 
@@ -172,4 +147,4 @@ def _growth(distance: Separation) -> str:
     return f"the Bhattacharyya distance at the end of the window is {total:.4g}; the last row added {last:.2g}"
 
 
-__all__ = ["Analysis", "analyse"]
+__all__ = ["Observability", "observability"]

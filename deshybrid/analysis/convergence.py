@@ -1,0 +1,160 @@
+"""The part of `analyse` on convergence: steady-state filters, rows between switches, boundedness.
+
+In: a `StochasticSystem`, a `Demand`, the step in s.  Out: values with their text, their JSON and a message for every
+"no".  Source: Hwang, Balakrishnan and Tomlin (2003), section 3; (2006), Theorem 4.1; Böker.
+"""
+
+from dataclasses import asdict, dataclass
+from math import isfinite
+
+from deshybrid.diagnostics import Diagnostic, diagnostic
+from deshybrid.stochastic.boundedness import Boundedness, boundedness
+from deshybrid.stochastic.sojourn import Demand, ModeTerms, SojournBound, sojourn_bound
+from deshybrid.stochastic.steady_state import SteadyState, steady_state
+from deshybrid.stochastic.system import StochasticSystem
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Convergence:
+    """`bounds` for the predictor and the filter gain, empty where a mode has no steady-state filter; `boundedness` for
+    dwell times of 1, 2, ... rows up to the first that is enough; `step` in s.
+    """
+
+    step: float
+    demand: Demand
+    states: tuple[SteadyState, ...]
+    bounds: tuple[SojournBound, ...]
+    boundedness: tuple[Boundedness, ...]
+
+    @property
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
+        """Modes without a filter (DH1206), no number of rows that is enough (DH1207), an unbounded filter (DH1208)."""
+        found = [
+            diagnostic("DH1206", f"mode `{state.mode.name}` has no steady-state filter", notes=(state.reason,))
+            for state in self.states
+            if state.filter is None
+        ]
+        if self.bounds and not any(bound.by_condition or bound.by_powers for bound in self.bounds):
+            text = f"no rows between switches are enough for a factor of {self.demand.factor:g} a row"
+            found.append(diagnostic("DH1207", text, notes=(_why_not(self.demand, self.bounds[0]),)))
+        last = self.boundedness[-1]
+        if last.bounded is False:
+            notes = (f"along {' -> '.join(last.cycle)}, repeated, an unseen part grows by {last.growth:.4g} each time",)
+            text = f"the covariance of the switching filter is not bounded, with stays of {last.dwell} rows or more"
+            found.append(diagnostic("DH1208", text, notes=notes))
+        return tuple(found)
+
+    def record(self) -> dict[str, object]:
+        """Return the part of the JSON."""
+        demand = self.demand
+        return {
+            "filters": [_filter_record(state) for state in self.states],
+            "demand": {
+                "factor": demand.factor,
+                "delay": demand.delay,
+                "error_bound": demand.error_bound,
+                "state_bound": None if demand.state is None else demand.state.tolist(),
+            },
+            "rows_between_switches": [_bound_record(bound, self.step) for bound in self.bounds],
+            "boundedness": [asdict(found) | {"cycle": list(found.cycle)} for found in self.boundedness],
+        }
+
+    def __str__(self) -> str:
+        shown = [
+            f"{state.mode.name} {'none' if state.filter is None else f'{state.filter.radius:.3g}'}"
+            for state in self.states
+        ]
+        lines = [f"steady-state filters, the factor of their errors a row: {', '.join(shown)}"]
+        if self.bounds:
+            lines.append(f"rows between switches, for a factor of {self.demand.factor:g} a row{_delayed(self.demand)}:")
+        lines += [f"  {bound.gain} gain: {_bound_text(bound, self.step)}" for bound in self.bounds]
+        return "\n".join([*lines, *(_boundedness_text(found) for found in self.boundedness)])
+
+
+def convergence(system: StochasticSystem, demand: Demand, step: float) -> Convergence:
+    """Return the part on convergence.
+
+    >>> from deshybrid.stochastic.examples import calm_and_wild
+    >>> print(convergence(calm_and_wild(), Demand(), 1.0))
+    steady-state filters, the factor of their errors a row: calm 0.73, wild 0.0917
+    rows between switches, for a factor of 0.99 a row:
+      predictor gain: 1 (1 s) by κ, 1 by powers; 1 as printed
+      filter gain: 1 (1 s) by κ, 1 by powers; 1 as printed
+    covariance of the switching filter: bounded, 1 rows show the state
+    """
+    states = tuple(steady_state(mode) for mode in system.modes)
+    filters = [state.filter for state in states if state.filter is not None]
+    bounds: tuple[SojournBound, ...] = ()
+    if len(filters) == len(states):
+        bounds = (sojourn_bound(filters, "predictor", demand), sojourn_bound(filters, "filter", demand))
+    tried: list[Boundedness] = []
+    for dwell in range(1, len(system.x) + 2):
+        tried.append(boundedness(system, dwell))
+        if tried[-1].bounded is not False:
+            break
+    return Convergence(step, demand, states, bounds, tuple(tried))
+
+
+def _why_not(demand: Demand, bound: SojournBound) -> str:
+    terms = max(bound.modes, key=lambda terms: max(terms.radius / demand.factor, terms.settling))
+    if terms.radius >= demand.factor:
+        return f"the error of mode `{terms.mode}` shrinks by {terms.radius:.4g} a row by itself"
+    if not isfinite(terms.mismatch):
+        return f"the wrong filter of mode `{terms.mode}` follows a state, or an input, of which no bound is stated"
+    added = f"{demand.delay} rows of the wrong filter add up to {terms.mismatch:.4g} to a component of the error each"
+    return f"{added}, and an error of {demand.error_bound:g} may be left"
+
+
+def _delayed(demand: Demand) -> str:
+    return "" if not demand.delay else f", {demand.delay} rows of delay and an error of {demand.error_bound:g} left"
+
+
+def _bound_text(bound: SojournBound, step: float) -> str:
+    rows = bound.by_condition
+    held = "none by κ" if rows is None else f"{rows} ({rows * step:g} s) by κ"
+    return f"{held}, {bound.by_powers or 'none'} by powers; {bound.as_printed or 'none'} as printed"
+
+
+def _boundedness_text(found: Boundedness) -> str:
+    which = "" if found.dwell == 1 else f" with stays of {found.dwell} rows or more"
+    start = f"covariance of the switching filter{which}:"
+    if found.bounded:
+        return f"{start} bounded, {found.rows} rows show the state"
+    cycle = " -> ".join(found.cycle)
+    if found.bounded is False:
+        return f"{start} not bounded, along {cycle}"
+    return f"{start} undecided" + (f"; along {cycle} a part that does not grow is never seen" if cycle else "")
+
+
+def _filter_record(state: SteadyState) -> dict[str, object]:
+    made = state.filter
+    return {
+        "mode": state.mode.name,
+        "exists": made is not None,
+        "reason": state.reason or None,
+        "radius": None if made is None else made.radius,
+        "positive_definite": None if made is None else made.positive_definite,
+        "predictor_gain": None if made is None else made.predictor_gain.tolist(),
+        "filter_gain": None if made is None else made.filter_gain.tolist(),
+    }
+
+
+def _bound_record(bound: SojournBound, step: float) -> dict[str, object]:
+    rows = bound.by_condition
+    return {
+        "gain": bound.gain,
+        "by_condition": rows,
+        "seconds": None if rows is None else rows * step,
+        "by_powers": bound.by_powers,
+        "as_printed": bound.as_printed,
+        "modes": [_terms_record(terms) for terms in bound.modes],
+    }
+
+
+def _terms_record(terms: ModeTerms) -> dict[str, object]:
+    return {
+        key: None if isinstance(value, float) and not isfinite(value) else value for key, value in asdict(terms).items()
+    }
+
+
+__all__ = ["Convergence", "convergence"]

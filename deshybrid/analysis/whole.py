@@ -1,0 +1,98 @@
+"""All parts of `analyse` on one model.
+
+In: a stochastic model (a path or a system) and what is asked of it.  Out: an `Analysis`, with its text, its JSON, and a
+message for every "no".  Source: Hwang, Balakrishnan and Tomlin (2003, 2006); Böker.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from deshybrid.analysis.convergence import Convergence, convergence
+from deshybrid.analysis.observability import Observability, observability
+from deshybrid.compiler import Source, to_hybrid
+from deshybrid.diagnostics import Diagnostic
+from deshybrid.model.system import HybridSystem
+from deshybrid.stochastic.from_model import stochastic_system
+from deshybrid.stochastic.sojourn import Demand
+from deshybrid.stochastic.system import StochasticSystem
+from deshybrid.stochastic.telling_apart import Window
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What is asked: the window, and what the error has to do between switches (`Demand`; state_bound for every state).
+
+    `step` (s) for models in continuous time only.
+    """
+
+    window: Window = field(default_factory=Window)
+    factor: float = 0.99
+    delay: int = 0
+    error_bound: float = 0.0
+    state_bound: float | None = None
+    step: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Analysis:
+    """The answers for one model, and what they were made from."""
+
+    name: str
+    system: StochasticSystem
+    observability: Observability
+    convergence: Convergence
+
+    @property
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
+        """A message for every "no"."""
+        return (*self.observability.diagnostics, *self.convergence.diagnostics)
+
+    @property
+    def holds(self) -> bool:
+        """Whether there is no "no"."""
+        return not self.diagnostics
+
+    def record(self) -> dict[str, object]:
+        """Return what `analyse --json` prints (format `deshybrid-analysis/1`)."""
+        return {
+            "format": "deshybrid-analysis/1",
+            "name": self.name,
+            "modes": list(self.system.names),
+            "holds": self.holds,
+            "observability": self.observability.record(),
+            "convergence": self.convergence.record(),
+        }
+
+    def __str__(self) -> str:
+        return f"{self.observability}\n{self.convergence}"
+
+
+def analyse(source: Source, question: Question | None = None) -> Analysis:
+    """Return what can be known of a stochastic model (a path or a system) beforehand.
+
+    Bounds of the state and of the input are those of the model's `bounds` where the question states none.
+
+    Raises `ModelError` (DH1101) and `UsageError` (DH0306, DH0601, DH1103, DH1201, DH1205).
+
+    >>> made = analyse("models/hwang2006/turn.yaml")
+    >>> made.observability.literal.theorem_1, made.holds
+    (False, True)
+    """
+    model, question = to_hybrid(source), question or Question()
+    system = stochastic_system(model, step=question.step)
+    return Analysis(
+        model.name,
+        system,
+        observability(system, question.window),
+        convergence(system, _demand(model, question), model.time_step or question.step or 1.0),
+    )
+
+
+def _demand(model: HybridSystem, question: Question) -> Demand:
+    state, bounds = question.state_bound, model.bounds
+    known = bounds.state if state is None else np.full(len(model.state_names), state)
+    return Demand(question.factor, question.delay, question.error_bound, known, bounds.input)
+
+
+__all__ = ["Analysis", "Question", "analyse"]
