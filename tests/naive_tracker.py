@@ -27,6 +27,7 @@ class NaiveTracker:
 
     def __init__(self, plan: SignaturePlan, *, as_events: bool, guaranteed: frozenset[str]) -> None:
         self.plan, self.as_events, self.guaranteed = plan, as_events, guaranteed
+        self.allowed: frozenset[str] | None = None  # the commands that may have been on; None: any
         self.des = plan.complementary or plan.des
         self.edges = eliminate_epsilon(self.des).edges
 
@@ -42,21 +43,24 @@ class NaiveTracker:
             return self._move(state, frozenset(), lambda edge: edge.output.gamma == name, waits=True)
         if name in {signature.name for signature in self.plan.signatures}:
             return self.after_signature(state, name)
-        return self._move(state, frozenset(), lambda edge: str(edge.output) == name, waits=False)
+        return self._move(state, frozenset(), lambda edge: without_command(edge) == name, waits=False)
 
     def after_signature(self, state: State, name: str) -> State:
         due: State = frozenset((location, None) for location, wait in state if wait == name)
-        return self._move(state, due, lambda edge: edge.output == (None, name), waits=False)
+        return self._move(state, due, lambda edge: edge.output[:2] == (None, name), waits=False)
 
     def _move(self, state: State, due: State, shows: Callable[[Edge], bool], *, waits: bool) -> State:
         settled = {location for location, wait in state if wait is None}
         waiting = {location for location, wait in state if wait is not None}
         for sources in (settled, waiting):
-            taken = [edge for edge in self.edges if edge.source in sources and shows(edge)]
+            taken = [edge for edge in self.edges if edge.source in sources and shows(edge) and self._permits(edge)]
             found = due | {(edge.target, edge.output.signature if waits else None) for edge in taken}
             if found:
                 return self._without_useless(found)
         return frozenset()
+
+    def _permits(self, edge: Edge) -> bool:
+        return self.allowed is None or edge.output.command is None or edge.output.command in self.allowed
 
     def _without_useless(self, found: State) -> State:
         useless = len({location for location, _ in found}) == 1 or len({wait for _, wait in found}) == 1
@@ -105,4 +109,9 @@ def event_names(tracker: NaiveTracker) -> set[str]:
     if not tracker.as_events:
         return set(gammas)
     signatures: Iterable[Signature] = tracker.plan.signatures
-    return {*gammas, *(signature.name for signature in signatures), *(str(edge.output) for edge in tracker.edges)}
+    return {*gammas, *(signature.name for signature in signatures), *map(without_command, tracker.edges)}
+
+
+def without_command(edge: Edge) -> str:
+    """What is seen of an edge beside the command."""
+    return str(edge.output._replace(command=None))

@@ -5,6 +5,7 @@ Append your own section; nothing here may depend on the order in which tests run
 
 import math
 import random
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -50,6 +51,15 @@ def random_des(rng: random.Random, *, locations: int = 6, transitions: int = 10)
     return DES(names, arcs, initial, "random")
 
 
+def commanded(rng: random.Random, des: DES, values: str = "uvw") -> DES:
+    """The system with a command: some transitions are possible under all of its values, others under some."""
+    arcs = tuple(
+        replace(t, commands=tuple(values if rng.random() < 0.4 else sorted(rng.sample(values, rng.randint(1, 2)))))
+        for t in des.transitions
+    )
+    return replace(des, transitions=arcs)
+
+
 def random_composition(rng: random.Random) -> Composition:
     """Two or three small components that share some events and some outputs, or none at all."""
     own_events, own_outputs = rng.choice([0.0, 0.5, 0.9, 1.0]), rng.choice([0.0, 0.7, 1.0, 1.0])
@@ -85,12 +95,15 @@ def systems(draw: st.DrawFn, *, locations: int = 5, transitions: int = 8) -> DES
     return DES(names, arcs, initial, "random")
 
 
-def random_plan(rng: random.Random, *, negations: bool = False, locations: int = 5) -> SignaturePlan:
+def random_plan(
+    rng: random.Random, *, negations: bool = False, locations: int = 5, commands: bool = False
+) -> SignaturePlan:
     """Some transitions carry the signature of their target; nothing says that they recover observability.
 
     With `negations`, some signatures come by negation, and other locations may have a generator.
     """
     des = living(random_des(rng, locations=locations, transitions=2 * locations - 1))
+    des = commanded(rng, des) if commands else des
     marked = [number for number in range(len(des.transitions)) if rng.random() < 0.4]
     signatures, generators = [], []
     for location in des.locations:

@@ -3,7 +3,11 @@
 A transition may carry several outputs (any of them may be seen) and the null output ε, written `None`.  A complementary
 DES carries, beside the output γ, a signature s on some transitions; what an observer sees is then the pair (γ, s).
 
-Source: Balluchi et al. (2012), section 3.1 (D_H) and section 4.1 (complementary DES).
+Where the commands of a controller are known, a transition lists those under which it is possible.  Whoever sees it then
+knows the command c as well, so it shows (γ, s, c) for one of these c.  One that shows neither γ nor s stays unseen:
+that the command permits it does not tell whether it is taken.
+
+Source: Balluchi et al. (2012), section 3.1 (D_H) and section 4.1 (complementary DES); known commands: this project.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -19,22 +23,32 @@ if TYPE_CHECKING:
 
 
 class Output(NamedTuple):
-    """What the observer sees at a transition: the discrete output γ, a signature s, or both; never neither.
+    """What the observer sees at a transition: the discrete output γ, a signature s, or both; and the command, if known.
 
-    >>> str(Output("α")), str(Output(None, "s_5")), str(Output("α", "s_5"))
-    ('α', 's_5', 'α,s_5')
+    >>> str(Output("α")), str(Output(None, "s_5")), str(Output("α", "s_5")), str(Output("α", command="3"))
+    ('α', 's_5', 'α,s_5', 'α@3')
     """
 
     gamma: str | None
     signature: str | None = None
+    command: str | None = None
+
+    @property
+    def is_nothing(self) -> bool:
+        """Whether neither γ nor s is there, so that nothing is seen."""
+        return self.gamma is None and self.signature is None
 
     def __str__(self) -> str:
-        return ",".join(part for part in self if part is not None)
+        shown = ",".join(part for part in (self.gamma, self.signature) if part is not None)
+        return shown if self.command is None else f"{shown}@{self.command}"
 
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """One arc `source` —event/outputs→ `target`; `outputs` lists every γ it may show, `None` is ε."""
+    """One arc `source` —event/outputs→ `target`; `outputs` lists every γ it may show, `None` is ε.
+
+    `commands`: those under which it is possible; empty where none are known.
+    """
 
     source: str
     event: str
@@ -43,27 +57,44 @@ class Transition:
     signature: str | None = None
     span: Span | None = field(default=None, compare=False, repr=False)
     output_span: Span | None = field(default=None, compare=False, repr=False)
+    commands: tuple[str, ...] = ()
 
     @property
     def seen(self) -> tuple[Output | None, ...]:
         """What may be seen when the transition is taken, in the order written; `None` = nothing.
 
         >>> Transition("1", "a", "2", ("α", None)).seen
-        (Output(gamma='α', signature=None), None)
+        (Output(gamma='α', signature=None, command=None), None)
         """
-        signature = self.signature
-        return tuple(
-            None if gamma is None and signature is None else Output(gamma, signature) for gamma in self.outputs
-        )
+        return tuple(dict.fromkeys(None if shown.is_nothing else shown for shown in self.occurrences))
+
+    @property
+    def occurrences(self) -> tuple[Output, ...]:
+        """Like `seen`, but with the command of what shows nothing: transitions without a common one never coincide.
+
+        >>> Transition("1", "a", "2", (None,), commands=("3",)).occurrences
+        (Output(gamma=None, signature=None, command='3'),)
+        """
+        commands = self.commands or (None,)
+        return tuple(Output(gamma, self.signature, command) for gamma in self.outputs for command in commands)
 
     @property
     def is_observable(self) -> bool:
         """True where every occurrence shows something (condition C1 asks this of exits of persistent locations)."""
-        return None not in self.seen
+        return self.signature is not None or None not in self.outputs
+
+    def coincides(self, other: "Transition") -> bool:
+        """Return whether some command permits both.
+
+        >>> first, second = (Transition("1", "a", "2", commands=(command,)) for command in "34")
+        >>> first.coincides(second), first.coincides(Transition("2", "b", "1"))
+        (False, True)
+        """
+        return not (self.commands and other.commands) or not set(self.commands).isdisjoint(other.commands)
 
     def __str__(self) -> str:
-        shown = "|".join("ε" if seen is None else str(seen) for seen in self.seen)
-        return f"{self.source} -{self.event}/{shown}-> {self.target}"
+        shown = dict.fromkeys("ε" if o.is_nothing else str(o._replace(command=None)) for o in self.occurrences)
+        return f"{self.source} -{self.event}/{'|'.join(shown)}-> {self.target}"
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -169,7 +200,8 @@ class DES(Pictured):
     def to_table(self) -> dict[str, tuple[str | None, ...]]:
         """Return columns of equal length, one row per transition and output, which pandas takes as they are.
 
-        The columns are `source`, `event`, `target`, `output` and `signature`; None is ε, or no signature.
+        The columns are `source`, `event`, `target`, `output` and `signature`; None is ε, or no signature.  Where
+        commands are known there is a column `commands`, joined by `; `.
 
         >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", None)])
         >>> table = des.to_table()
@@ -178,7 +210,11 @@ class DES(Pictured):
         """
         rows = [(t.source, t.event, t.target, output, t.signature) for t in self.transitions for output in t.outputs]
         names = ("source", "event", "target", "output", "signature")
-        return {name: tuple(row[place] for row in rows) for place, name in enumerate(names)}
+        table: dict[str, tuple[str | None, ...]]
+        table = {name: tuple(row[place] for row in rows) for place, name in enumerate(names)}
+        if any(transition.commands for transition in self.transitions):
+            table["commands"] = tuple("; ".join(t.commands) for t in self.transitions for _ in t.outputs)
+        return table
 
     def to_networkx(self) -> "networkx.MultiDiGraph[str]":
         """Return a networkx graph: nodes are locations, edges carry `event`, `outputs`, `signature` and `number`.
@@ -196,6 +232,7 @@ class DES(Pictured):
         graph.add_nodes_from(self.locations)
         for number, t in enumerate(self.transitions):
             facts = {"event": t.event, "outputs": t.outputs, "signature": t.signature, "number": number}
+            facts |= {"commands": t.commands} if t.commands else {}
             graph.add_edges_from([(t.source, t.target, facts)])
         return graph
 
@@ -204,7 +241,7 @@ class DES(Pictured):
         """Return the system that a directed networkx graph describes; `initial` goes before the graph's own.
 
         Nodes are named by their text.  Every edge needs an `event` and its `outputs`: a text, None for ε, or a tuple of
-        these; `signature` and `number` (by which edges are ordered where all have one) may be missing.
+        these; `signature`, `commands` and `number` (by which edges are ordered where all have one) may be missing.
         Raises `UsageError` (DH0422) on an edge without them, `ModelError` (DH0404) where nodes have the same text.
 
         >>> import networkx
@@ -223,7 +260,12 @@ class DES(Pictured):
             edges.sort(key=lambda edge: edge[2]["number"])
         arcs = tuple(
             Transition(
-                str(source), str(facts["event"]), str(target), _outputs(facts["outputs"]), facts.get("signature")
+                str(source),
+                str(facts["event"]),
+                str(target),
+                _outputs(facts["outputs"]),
+                facts.get("signature"),
+                commands=tuple(facts.get("commands", ())),
             )
             for source, target, facts in edges
         )

@@ -2,8 +2,8 @@
 
 A signature s_q says that the plant has entered q.  By residual, the generator of q itself says so.  By negation,
 nothing else can be the case: the detector knows that the plant was in p, so q is what remains when the generators of
-all other alternatives, {p} and Reach(p), are silent.  A self-loop changes nothing that silence could show, so there is
-no negation on it.
+all other alternatives, {p} and Reach(p), are silent.  What no command permits together with the transition is none of
+its alternatives.  A self-loop changes nothing that silence could show, so there is no negation on it.
 
 A *covering* candidate stands for one detector that announces the entry of any of several locations by one signature:
 it says "one of these".  It is there with all of its transitions or not at all, costs what one generator costs, and is
@@ -19,7 +19,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from deshybrid.des.automaton import DES
+from deshybrid.des.automaton import DES, Transition
 from deshybrid.diagnostics import Diagnostic, UsageError, diagnostic, raise_all
 
 TOGETHER = "+"
@@ -110,9 +110,7 @@ def options(des: DES, candidates: tuple[Candidate, ...]) -> tuple[Option, ...]:
     (Option(transitions=(0,), candidate=0, residual=True, ...), Option(..., residual=False, negation=('5',), ...))
     """
     available = generator_costs(des, candidates)
-    alternatives = {location: {location} for location in des.locations}
-    for transition in des.transitions:
-        alternatives[transition.source].add(transition.target)
+    rivals = _rivals(des)
     found, covering = [], []
     for index, candidate in enumerate(candidates):
         if candidate.covers:
@@ -120,11 +118,20 @@ def options(des: DES, candidates: tuple[Candidate, ...]) -> tuple[Option, ...]:
             continue
         for number in candidate.transitions:
             source = des.transitions[number].source
-            others = tuple(name for name in des.locations if name in alternatives[source] - {candidate.location})
+            alternatives = {source, *(t.target for t in rivals[source] if t.coincides(des.transitions[number]))}
+            others = tuple(name for name in des.locations if name in alternatives - {candidate.location})
             deniable = candidate.negation and source != candidate.location and all(name in available for name in others)
             if candidate.residual or deniable:
                 found.append(Option((number,), index, candidate.residual, others if deniable else None))
     return (*sorted(found, key=lambda option: option.transitions), *covering)
+
+
+def _rivals(des: DES) -> dict[str, list[Transition]]:
+    """The transitions out of each location, one for each target and commands."""
+    leaving: dict[str, dict[tuple[object, ...], Transition]] = {location: {} for location in des.locations}
+    for transition in des.transitions:
+        leaving[transition.source].setdefault((transition.target, transition.commands), transition)
+    return {location: list(found.values()) for location, found in leaving.items()}
 
 
 def joint_signatures(candidates: tuple[Candidate, ...], chosen: Iterable[Option]) -> dict[int, str]:

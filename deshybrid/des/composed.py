@@ -284,7 +284,9 @@ def _only(component: DES, events: Container[str]) -> DES:
 
 
 def _atoms(seen: Output | None) -> Atoms:
-    texts = () if seen is None else ((kind, text) for kind, text in zip(_KINDS, seen, strict=True) if text is not None)
+    texts = (
+        () if seen is None else ((kind, text) for kind, text in zip(_KINDS, seen[:2], strict=True) if text is not None)
+    )
     return frozenset((kind, atom) for kind, text in texts for atom in text.split("+"))
 
 

@@ -69,6 +69,8 @@ class JointRun(NamedTuple):
 class Composition:
     """Components that run together; `only_common` makes it the product, in which all take part in every event.
 
+    Raises `UsageError` (DH0424) where a transition depends on a command.
+
     >>> switch = DES.from_transitions([("off", "turn", "on", "click"), ("on", "turn", "off", "click")], initial=["off"])
     >>> lamp = DES.from_transitions([("dark", "turn", "lit", None), ("lit", "break", "dark", None)], initial=["dark"])
     >>> plant = Composition((switch, lamp))
@@ -78,6 +80,12 @@ class Composition:
 
     components: tuple[DES, ...]
     only_common: bool = False
+
+    def __post_init__(self) -> None:
+        commanded = (t for component in self.components for t in component.transitions if t.commands)
+        for transition in commanded:
+            fault = f"`{transition}` depends on a command, and components have no commands in common"
+            raise UsageError(diagnostic("DH0424", fault, transition.span, helps=(_UNCOMMANDED,)))
 
     @property
     def initial(self) -> Iterator[State]:
@@ -150,6 +158,7 @@ class Composition:
 
 
 _WHAT = "states of the composition"
+_UNCOMMANDED = "compose the systems without commands"
 _RENAME = "rename locations so that none has a `.` in its name"
 
 
@@ -162,7 +171,7 @@ def unfold(system: DES | Composition) -> Plant:
     >>> one = DES.from_transitions([("1", "a", "2", "α")], initial=["1"])
     >>> plant = unfold(Composition((one, one)))
     >>> plant.ways(next(iter(plant.initial))), str(plant.transitions[0])
-    ([Move(transition=0, seen=Output(gamma='α', signature=None), target='2.2')], '1.1 -a/α-> 2.2')
+    ([Move(transition=0, seen=Output(gamma='α', signature=None, command=None), target='2.2')], '1.1 -a/α-> 2.2')
     """
     if isinstance(system, DES):
         return Plant(system.initial, system.transitions, moves_from(system).__getitem__)

@@ -104,7 +104,7 @@ def _splits(separation: Separation, location: str, numbers: list[int]) -> Iterat
     arcs, known = separation.des.transitions, set[frozenset[int]]()
     for place, first in enumerate(numbers):
         for second in numbers[place + 1 :]:
-            common = set(arcs[first].seen) & set(arcs[second].seen)
+            common = set(arcs[first].occurrences) & set(arcs[second].occurrences)
             separating = separation.separating(first, second)
             if arcs[first].target == arcs[second].target or not common or separating in known:
                 continue

@@ -66,7 +66,10 @@ class OutputAutomaton(Pictured):
         >>> [str(output) for output in eliminate_epsilon(des).outputs]
         ['β', 'α']
         """
-        alike = {(transition.outputs, transition.signature): transition for transition in self.des.transitions}
+        alike = {
+            (transition.outputs, transition.signature, transition.commands): transition
+            for transition in self.des.transitions
+        }
         seen = (output for transition in alike.values() for output in transition.seen)
         return tuple(dict.fromkeys(output for output in seen if output is not None))
 

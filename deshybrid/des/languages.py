@@ -54,7 +54,14 @@ class DeterministicAutomaton:
         '0 -α/α-> 0'
         """
         arcs = tuple(
-            Transition(str(source), str(output), str(target), (output.gamma,), output.signature)
+            Transition(
+                str(source),
+                str(output),
+                str(target),
+                (output.gamma,),
+                output.signature,
+                commands=() if output.command is None else (output.command,),
+            )
             for source, output, target in self.transitions
         )
         return DES(tuple(str(number) for number in range(len(self.states))), arcs, ("0",), name)
@@ -121,8 +128,8 @@ def minimise(automaton: DeterministicAutomaton) -> DeterministicAutomaton:
     return DeterministicAutomaton(tuple(automaton.states[state] for state in graph.nodes), graph.arcs, accepting)
 
 
-def _text_of_output(move: tuple[Output, int]) -> tuple[str, str]:
-    return (move[0].gamma or "", move[0].signature or "")
+def _text_of_output(move: tuple[Output, int]) -> tuple[str, ...]:
+    return tuple(part or "" for part in move[0])
 
 
 def _useful(automaton: DeterministicAutomaton) -> set[int]:

@@ -50,7 +50,7 @@ def moves_from(des: DES) -> dict[str, list[Move]]:
 
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("1", "a", "2", None)])
     >>> [move.seen for move in moves_from(des)["1"]]
-    [Output(gamma='α', signature=None), None]
+    [Output(gamma='α', signature=None, command=None), None]
     """
     moves: dict[str, list[Move]] = {location: [] for location in des.locations}
     for number, transition in enumerate(des.transitions):

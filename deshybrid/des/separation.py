@@ -156,10 +156,10 @@ def separation(des: DES, options: tuple[Option, ...]) -> Separation:
 
 
 def _alike(des: DES) -> tuple[Numbers, Numbers]:
-    """All pairs of transitions that may show the same, or both nothing; in both orders."""
-    groups: dict[Output | None, list[int]] = {}
+    """All pairs of transitions that may show the same, or both nothing, under one command; in both orders."""
+    groups: dict[Output, list[int]] = {}
     for number, transition in enumerate(des.transitions):
-        for output in dict.fromkeys(transition.seen):
+        for output in dict.fromkeys(transition.occurrences):
             groups.setdefault(output, []).append(number)
     found = sum(len(group) ** 2 for group in groups.values())
     if found > MOST_MOVES:

@@ -206,9 +206,9 @@ def numbered_moves(des: DES, outputs: tuple[Output, ...]) -> Iterator[tuple[int,
     """
     place = {name: number for number, name in enumerate(des.locations)}
     number: dict[Output | None, int] = {None: -1, **{output: index for index, output in enumerate(outputs)}}
-    numbers: dict[tuple[tuple[str | None, ...], str | None], list[int]] = {}
+    numbers: dict[tuple[object, ...], list[int]] = {}
     for transition in des.transitions:
-        kind = (transition.outputs, transition.signature)
+        kind = (transition.outputs, transition.signature, transition.commands)
         seen = numbers.get(kind)
         if seen is None:
             seen = numbers[kind] = [number[output] for output in transition.seen]

@@ -139,14 +139,14 @@ def signature_name(des: DES, location: str) -> str:
 
 
 def alternatives(des: DES, transition: Transition) -> tuple[str, ...]:
-    """Return what the plant may do instead of `transition` without a difference in γ: stay, or go elsewhere.
+    """Return what the plant may do instead of `transition` without a difference in γ or command: stay, or go elsewhere.
 
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("1", "b", "3", "α"), ("1", "c", "4", "β")])
     >>> alternatives(des, des.transitions[0])
     ('1', '3')
     """
-    source, outputs = transition.source, set(transition.outputs)
-    rivals = (other.target for other in des.transitions if other.source == source and outputs & set(other.outputs))
+    source, shown = transition.source, set(transition.occurrences)
+    rivals = (other.target for other in des.transitions if other.source == source and shown & set(other.occurrences))
     return tuple(name for name in dict.fromkeys((source, *rivals)) if name != transition.target)
 
 

@@ -142,6 +142,7 @@ def _context(tables: StepTables, prefix: str, real: Real, origin: Provenance) ->
         "locations": _named(tables.location_names, "UNKNOWN"),
         "events": _named(tables.event_names, "NONE"),
         "signatures": _named(tables.signature_names, "NONE"),
+        "commands": _commands(tables),
         "strings": {**{f"{kind}_names": names for kind, names in spoken.items()}, "status_names": STATUS_NAMES},
         "longest_name": max(len(name.encode("utf-8", "surrogatepass")) for name in ("", *tables.event_names)),
         "generator_count": len(tables.generators.locations),
@@ -151,6 +152,7 @@ def _context(tables: StepTables, prefix: str, real: Real, origin: Provenance) ->
         "restart": tables.restart,
         "online": None if tables.online is None else layout(tables.online),
         "window_ticks": tables.window_ticks,
+        "command_slack": tables.command_slack,
         "largest": c_real(reference.LARGEST, real),
         "entry_rows": [_entry_row(entered, len(tables.location_names)) for entered in rows],
         "vectors": [_vector(vector, rows[vector.entry_estimate], real) for vector in vectors],
@@ -160,6 +162,23 @@ def _context(tables: StepTables, prefix: str, real: Real, origin: Provenance) ->
 def _named(names: Sequence[str], reserved: str) -> list[_Named]:
     return [
         _Named(name, identifier) for name, identifier in zip(names, unique_identifiers(names, [reserved]), strict=True)
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Command:
+    """A command with the name of its value 0, `unknown`, and those of its values."""
+
+    name: str
+    unknown: str
+    values: list[_Named]
+
+
+def _commands(tables: StepTables) -> list[_Command]:
+    words = [(name, value) for name, values in tables.commands for value in ("unknown", *values)]
+    made = iter(unique_identifiers(f"{name} {value}".upper() for name, value in words))
+    return [
+        _Command(name, next(made), [_Named(value, next(made)) for value in values]) for name, values in tables.commands
     ]
 
 
@@ -192,7 +211,8 @@ def _vector(vector: Vector, entry: int, real: Real) -> str:
         return "{" + ", ".join(_sampled(value, real) for value in values or (0.0,)) + "}"
 
     numbers = (vector.location, vector.signature, vector.status, entry, int(vector.reset))
-    head = f"{{{reals(vector.input)}, {reals(vector.output)}, {vector.event}}}"
+    command = f", {{{', '.join(map(str, vector.command))}}}" if vector.command else ""
+    head = f"{{{reals(vector.input)}, {reals(vector.output)}, {vector.event}{command}}}"
     return f"{{{head}, {reals(vector.x)}, {', '.join(map(str, numbers))}}}"
 
 

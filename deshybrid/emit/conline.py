@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 
-from deshybrid.observer.online import OnlineTracker
+from deshybrid.observer.online import NONE, OnlineTracker
 
 Rows = tuple[str, str, str, list[list[str]]]
 _WORD = 32
@@ -26,12 +26,14 @@ class Layout:
     turns: int
     heard: int
     times_out: bool
+    values: int
 
     @property
     def members(self) -> int:
         """Members of four bytes in the state structure that belong to the location observer."""
         possible = self.location_words if self.heard else 0
-        return (1 + self.turns) * self.location_words + self.waiting_words + possible + 1
+        commands = self.values + 1 if self.values else 0
+        return (1 + self.turns) * self.location_words + self.waiting_words + possible + 1 + commands
 
 
 def layout(online: OnlineTracker) -> Layout:
@@ -48,6 +50,7 @@ def layout(online: OnlineTracker) -> Layout:
         turns=2 if online.waiting else 1,
         heard=len(online.active),
         times_out=online.times_out,
+        values=sum(online.commands),
     )
 
 
@@ -65,6 +68,8 @@ def online_rows(online: OnlineTracker, initial: int, restart: int) -> Iterator[R
     sizes = layout(online)
     for name, meaning, mask in (("initial", "at the start", initial), ("restart", "all locations", restart)):
         yield f"{name}_pairs", "uint32_t", meaning, [words(mask, sizes.location_words + sizes.waiting_words)]
+    if online.commands:
+        yield _numbers("command_values", "by command: how many values it has", online.commands)
     yield _flags("location_persistent", "by location: it can be identified", online.persistent)
     yield _numbers("silent_source", "by silent pair: location", _repeated(online.silent))
     yield _numbers("silent_target", "by silent pair: one that follows unseen", _flat(online.silent.values()))
@@ -80,8 +85,15 @@ def online_rows(online: OnlineTracker, initial: int, restart: int) -> Iterator[R
 
 
 def _token_rows(online: OnlineTracker, sizes: Layout) -> Iterator[Rows]:
+    needs = list(dict.fromkeys(needed for _, _, needed in _conditional(online)))
     moves = [_repeated(targets) for _, targets in online.tokens]
     entered = [_flat(targets.values()) for _, targets in online.tokens]
+    permits = [[NONE] * len(found) for found in moves]
+    for token, table in enumerate(online.conditional):
+        for source, arrivals in table.items():
+            moves[token] += [source] * len(arrivals)
+            entered[token] += [pair for pair, _ in arrivals]
+            permits[token] += [needs.index(needed) for _, needed in arrivals]
     shift = sizes.location_words * _WORD - online.locations
     pairs = [pair if pair < online.locations else pair + shift for pair in _flat(entered)]
     ends = list(accumulate(map(len, moves), initial=0))
@@ -92,6 +104,26 @@ def _token_rows(online: OnlineTracker, sizes: Layout) -> Iterator[Rows]:
     yield _numbers("token_end", "moves of token t, an event or a signature: from [t] to [t + 1]", ends)
     yield _numbers("move_source", "by move: location it leaves", _flat(moves))
     yield _numbers("move_target", "by move: bit of the pair it enters", pairs)
+    if online.commands:
+        yield _numbers("move_need", "by move: what it needs of commands, -1 = nothing", _flat(permits))
+        rows = [[f"{mask:#x}u" for mask in _by_command(online.commands, needed)] for needed in needs]
+        yield "need_values", "uint32_t", "by need, by command: values of which one is on", rows
+
+
+def _conditional(online: OnlineTracker) -> Iterator[tuple[int, int, tuple[int, ...]]]:
+    """Source, pair and masks of all moves that need commands, token by token."""
+    for table in online.conditional:
+        for source, arrivals in table.items():
+            yield from ((source, pair, needed) for pair, needed in arrivals)
+
+
+def _by_command(commands: tuple[int, ...], needed: tuple[int, ...]) -> Iterator[int]:
+    """A mask for each command: all of its values where nothing of it is needed."""
+    first = 0
+    for count in commands:
+        every = ((1 << count) - 1) << first
+        yield next((mask for mask in needed if mask & every), every)
+        first += count
 
 
 def _repeated(targets: dict[int, tuple[int, ...]]) -> list[int]:
@@ -124,12 +156,15 @@ def memberships(online: OnlineTracker) -> int:
     8
     """
     sizes, tokens = layout(online), [sum(map(len, targets.values())) for _, targets in online.tokens]
+    for token, table in enumerate(online.conditional):
+        tokens[token] += sum(map(len, table.values()))
     waiting, places = sizes.waiting, online.locations
     forget = places + 2 * waiting if waiting and online.times_out else 0
     follow = [waiting + sizes.turns * moves + forget for moves in tokens]
     heard = follow[online.events :]
     enter = sizes.turns * sizes.silent + 2 * waiting + places + sum(cost + waiting for cost in heard)
     named = sum(cost + waiting + 2 * places for cost in heard) + (enter if heard else 0)
+    named += sum(cost + waiting for cost in heard) + waiting if sizes.values else 0  # what is possible, found anew
     event = 2 * max(follow[: online.events], default=0) + 2 * enter
     silence = waiting + enter
     return max(event, silence) + named + places + waiting

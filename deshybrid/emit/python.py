@@ -62,6 +62,7 @@ def _context(tables: StepTables, prefix: str, origin: Provenance) -> Mapping[str
         "step": repr(tables.step),
         **{f"{kind}_names": ascii(getattr(tables, f"{kind}_names")) for kind in kinds},
         "status_names": ascii(STATUS_NAMES),
+        "commands": ascii(tables.commands),
         "tables": _literal(plain_tables(tables)),
         "vectors": [_vector(vector) for vector in vectors],
     }
@@ -107,4 +108,4 @@ def _literal(value: Any, indent: int = 0) -> str:
 def _vector(vector: Vector) -> str:
     v, tracker = vector, _literal(vector.tracker)
     estimate = f"({v.location}, {tracker}, {v.signature}, {v.status}, {v.x})"
-    return f"({v.reset}, {v.input}, {v.output}, {v.event}, {estimate})"
+    return f"({v.reset}, {v.input}, {v.output}, {v.event}, {v.command}, {estimate})"

@@ -21,12 +21,12 @@ import numpy as np
 from deshybrid.observer import reference
 from deshybrid.observer.tables import StepTables, plain_tables
 
-Sample = tuple[tuple[float, ...], tuple[float, ...], int]
+Sample = tuple[tuple[float, ...], tuple[float, ...], int, tuple[int, ...]]
 
 
 @dataclass(frozen=True, slots=True)
 class Vector:
-    """One sample (input, output, event code), whether the observer was reset before it, and the estimate after it.
+    """One sample (input, output, event and command codes), whether the observer was reset before it, and the estimate.
 
     `location` and `signature` are -1 where there is none; `tracker` is the location observer's state, and
     `entry_estimate` the locations it stands for; `status` an index into `STATUS_NAMES`.
@@ -35,6 +35,7 @@ class Vector:
     input: tuple[float, ...]
     output: tuple[float, ...]
     event: int
+    command: tuple[int, ...]
     reset: bool
     location: int
     tracker: int
@@ -67,11 +68,12 @@ def record_vectors(
         for index in range(count):
             reset = reset_every > 0 and index > 0 and index % reset_every == 0
             state = reference.start(constants) if reset else state
-            given, measured, event = sampler.sample(index, state)
-            state, (location, tracker, signature, status, x) = reference.step(constants, state, given, measured, event)
+            given, measured, event, command = sampler.sample(index, state)
+            state, estimate = reference.step(constants, state, given, measured, event, command=command)
+            location, tracker, signature, status, x = estimate
             entered = constants["tracker"].entry_estimate(tracker)
             said = (location, tracker, entered, signature, status, _floats(x))
-            vectors.append(Vector(_floats(given), _floats(measured), event, reset, *said))
+            vectors.append(Vector(_floats(given), _floats(measured), event, command, reset, *said))
     return tuple(vectors)
 
 
@@ -100,9 +102,10 @@ class _Sampler:
         )
         self._answers = [-np.linalg.pinv(matrix) for matrix in tables.generators.residual_output]  # to make r = 0
         self._pleased, self._left, self._event_chance = -1, 0, 0.0
+        self._command = (0,) * len(tables.commands)
 
-    def sample(self, index: int, state: reference.State) -> tuple[tuple[Any, ...], tuple[Any, ...], int]:
-        """Return (input, output, event code) for sample `index`, the reference being in `state`."""
+    def sample(self, index: int, state: reference.State) -> Sample:
+        """Return (input, output, event and command codes) for sample `index`, the reference being in `state`."""
         if self._left == 0:
             self._pleased = self._below(len(self._constants["generators"]) + 1) - 1
             self._left = 1 + self._below(2 * self._patience)
@@ -110,7 +113,7 @@ class _Sampler:
         self._left -= 1
         given = tuple(self._number(2.0 * self._source.random() - 1.0) for _ in range(self._inputs))
         measured = tuple(self._number(value) for value in self._measured(given, state))
-        return (*self._spoiled(given, measured), self._event(index, state))
+        return (*self._spoiled(given, measured), self._event(index, state), self._commanded())
 
     def _measured(self, given: tuple[Any, ...], state: reference.State) -> Iterator[Any]:
         if self._pleased < 0 or state.sample is None:
@@ -131,6 +134,14 @@ class _Sampler:
             wrong = (float("nan"), float("inf"), float("-inf"), 1e31)[self._below(4)]
             numbers[self._below(len(numbers))] = self._number(wrong)
         return tuple(numbers[: self._inputs]), tuple(numbers[self._inputs :])
+
+    def _commanded(self) -> tuple[int, ...]:
+        """Commands stay for a while; now and then one is unknown, as 0 or by a code that is no value."""
+        for place, count in enumerate(self._constants["commands"]):
+            if self._source.random() < 1.0 / self._patience:
+                code = self._below(count + 3) - 1
+                self._command = (*self._command[:place], code, *self._command[place + 1 :])
+        return self._command
 
     def _event(self, index: int, state: reference.State) -> int:
         """Mostly none or one that the tracker knows; sometimes any; seldom a code that is no event."""

@@ -14,8 +14,8 @@ from deshybrid.formats.document import (
     Document,
     Written,
     control_losses,
+    refuse_labels,
     refuse_names,
-    refuse_signatures,
     single_initial,
 )
 
@@ -100,7 +100,7 @@ def write_att(document: Document) -> Written:
     '1\t1\ta\t0\n'
     """
     des = document.des
-    refuse_signatures(des.transitions, "att")
+    refuse_labels(des.transitions, "att")
     first = single_initial(des, "att")
     refuse_names(des.locations, "att", _against_space)
     labels = (name for t in des.transitions for name in (t.event, *t.outputs) if name is not None)

@@ -201,6 +201,16 @@ def refuse_signatures(transitions: Iterable[Transition], format_name: str) -> No
         raise FormatError(diagnostic("DH1013", message, helps=("write `.json`, which can",)))
 
 
+def refuse_labels(transitions: Iterable[Transition], format_name: str) -> None:
+    """Raise `FormatError` (DH1013) where a transition has what only our own formats can hold: signature or commands."""
+    arcs = tuple(transitions)
+    refuse_signatures(arcs, format_name)
+    commanded = next((t for t in arcs if t.commands), None)
+    if commanded is not None:
+        message = f"`{format_name}` cannot hold the commands on which `{commanded}` depends"
+        raise FormatError(diagnostic("DH1013", message, helps=("write `.json` or `.yaml`, which can",)))
+
+
 def single_initial(des: DES, format_name: str) -> str:
     """Return the initial location, for a format that holds exactly one; else raise `FormatError` (DH1013).
 
@@ -228,6 +238,7 @@ __all__ = [
     "marking_losses",
     "names_of",
     "reason_against",
+    "refuse_labels",
     "refuse_names",
     "refuse_signatures",
     "single_initial",

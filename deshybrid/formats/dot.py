@@ -18,8 +18,8 @@ from deshybrid.formats.document import (
     Written,
     control_losses,
     names_of,
+    refuse_labels,
     refuse_names,
-    refuse_signatures,
 )
 from deshybrid.formats.dotgraph import Edge, label_lines, read_graph
 
@@ -123,7 +123,7 @@ def _plain_label(event: str, output: str | None) -> str:
 
 def _write(document: Document, format_name: str, label: Callable[[str, str | None], str]) -> Written:
     des = document.des
-    refuse_signatures(des.transitions, format_name)
+    refuse_labels(des.transitions, format_name)
     refuse_names(names_of(des), format_name)
     refuse_names([des.name, *des.locations], format_name, _against)
     marked = set(document.marked)

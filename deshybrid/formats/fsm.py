@@ -16,8 +16,8 @@ from deshybrid.formats.document import (
     Event,
     Written,
     labelled,
+    refuse_labels,
     refuse_names,
-    refuse_signatures,
     single_initial,
 )
 
@@ -112,7 +112,7 @@ def write_fsm(document: Document) -> Written:
     <BLANKLINE>
     """
     des = document.des
-    refuse_signatures(des.transitions, "fsm")
+    refuse_labels(des.transitions, "fsm")
     first = single_initial(des, "fsm")
     labels = labelled(document, "fsm")
     refuse_names([*des.locations, *(event.name for event in labels.events)], "fsm", _against)

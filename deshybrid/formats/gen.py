@@ -14,7 +14,7 @@ from itertools import zip_longest
 
 from deshybrid.diagnostics import SourceText, Span, diagnostic
 from deshybrid.formats.builder import MOST_WORDS, Builder, Word, mistake, whole_number
-from deshybrid.formats.document import Document, Event, Written, labelled, refuse_names, refuse_signatures
+from deshybrid.formats.document import Document, Event, Written, labelled, refuse_labels, refuse_names
 from deshybrid.model.problems import did_you_mean
 
 _TOKEN = re.compile(r'<!--.*?(?:-->|\Z)|<[^<>"\n]*(?:"[^"\n]*"[^<>"\n]*)*>|"[^"\n]*"|%[^\n]*|[^\s<>"%]+|\S', re.DOTALL)
@@ -207,7 +207,7 @@ def write_gen(document: Document) -> Written:
     "a" +Co+
     """
     des = document.des
-    refuse_signatures(des.transitions, "gen")
+    refuse_labels(des.transitions, "gen")
     labels = labelled(document, "gen")
     refuse_names([des.name, *des.locations, *(event.name for event in labels.events)], "gen")
     rows = dict.fromkeys(f"{_quoted(a.source)} {_quoted(a.label)} {_quoted(a.target)}" for a in labels.arcs)

@@ -7,7 +7,7 @@ names (colours, coordinates) are passed over.  Cost: linear.  Source: GraphML pr
 
 from deshybrid.diagnostics import SourceText
 from deshybrid.formats.builder import Builder, Word, mistake
-from deshybrid.formats.document import Document, Written, control_losses, names_of, refuse_names, refuse_signatures
+from deshybrid.formats.document import Document, Written, control_losses, names_of, refuse_labels, refuse_names
 from deshybrid.formats.xml import Element, quoted, read_xml, truth
 
 _KEYS = (("initial", "node", "boolean"), ("marked", "node", "boolean"), ("event", "edge", "string"))
@@ -110,7 +110,7 @@ def write_graphml(document: Document) -> Written:
     '<edge source="1" target="1"><data key="event">a</data></edge>'
     """
     des = document.des
-    refuse_signatures(des.transitions, "graphml")
+    refuse_labels(des.transitions, "graphml")
     refuse_names([des.name, *names_of(des)], "graphml")
     lines = [_HEAD]
     for name, domain, kind in (*_KEYS, _OUTPUT):

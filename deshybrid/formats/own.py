@@ -2,8 +2,8 @@
 
 The key `format` tells the two apart, whatever the suffix.  JSON (`format: deshybrid-des/1`) holds everything that a
 `Document` has: `locations`, `initial`, `marked`, `events` with `controllable` and `observable`, and `transitions` with
-`from`, `to`, `event`, `emits` (a list; null is ε) and, where there is one, `signature`.  The model language holds the
-system alone; of a hybrid model the DES is taken.
+`from`, `to`, `event`, `emits` (a list; null is ε) and, where there are any, `signature` and `commands` (a list: those
+that permit it).  The model language holds the system alone; of a hybrid model the DES is taken.
 Cost: linear.  Source: this project.
 """
 
@@ -25,7 +25,7 @@ from deshybrid.formats.document import (
     refuse_signatures,
 )
 from deshybrid.formats.reading import AUTOMATON, is_automaton
-from deshybrid.model.abstraction import abstract
+from deshybrid.model.abstraction import COMMAND, abstract
 from deshybrid.model.elaborate import elaborate
 from deshybrid.model.naming import LONGEST_NAME
 from deshybrid.model.problems import did_you_mean
@@ -34,7 +34,7 @@ from deshybrid.model.tree import MappingNode, Node, ScalarNode, SequenceNode, fo
 
 _KEYS = ("format", "name", "locations", "initial", "marked", "events", "transitions")
 _EVENT_KEYS = ("name", "controllable", "observable")
-_TRANSITION_KEYS = ("from", "to", "event", "emits", "signature")
+_TRANSITION_KEYS = ("from", "to", "event", "emits", "signature", "commands")
 
 
 def read_own(source: SourceText) -> Document:
@@ -145,7 +145,8 @@ def _read_transition(node: MappingNode, builder: Builder) -> Transition:
     for output in outputs:
         builder.arc(source, event, target, output)
     signature = _word(_value(node, "signature")).text if node.get("signature") else None
-    return Transition(source.text, event.text, target.text, outputs, signature, node.span, emits.span)
+    commands = tuple(word.text for word in _words(node, "commands"))
+    return Transition(source.text, event.text, target.text, outputs, signature, node.span, emits.span, commands)
 
 
 def write_json(document: Document) -> Written:
@@ -173,7 +174,8 @@ def _event_record(event: Event) -> dict[str, object]:
 
 def _transition_record(t: Transition) -> dict[str, object]:
     record: dict[str, object] = {"from": t.source, "to": t.target, "event": t.event, "emits": list(t.outputs)}
-    return record if t.signature is None else record | {"signature": t.signature}
+    record |= {} if t.signature is None else {"signature": t.signature}
+    return record | ({"commands": list(t.commands)} if t.commands else {})
 
 
 def _rows(records: Iterable[dict[str, object]]) -> str:
@@ -202,10 +204,13 @@ def write_yaml(document: Document) -> Written:
     _refuse_dead_ends(des)
     lines = ["format: deshybrid/1", f"name: {_text(des.name)}"]
     lines += [f"{key}: {_text(list(names))}" for key, names in (("locations", des.locations), ("initial", des.initial))]
+    commands = list(dict.fromkeys(value for t in des.transitions for value in t.commands))
+    lines += [f"commands: {{{COMMAND}: {_text(commands)}}}"] if commands else []
     lines.append("transitions:" if des.transitions else "transitions: []")
     for t in des.transitions:
         ends = f"from: {_text(t.source)}, to: {_text(t.target)}, event: {_text(t.event)}"
-        lines.append(f"  - {{{ends}, emits: {_text(list(t.outputs))}}}")
+        when = f", when: {{{COMMAND}: {_text(list(t.commands))}}}" if t.commands else ""
+        lines.append(f"  - {{{ends}, emits: {_text(list(t.outputs))}{when}}}")
     return Written("\n".join([*lines, ""]), marking_losses(document, "yaml"))
 
 

@@ -1,7 +1,7 @@
 """The channels of a hybrid model: states, inputs, outputs, disturbances, their units, and values given per channel.
 
 In: the decoded file.  Out: `Channels`.  States and inputs must differ from each other and from the parameters, because
-conditions name all three; inputs and outputs must differ, because both are columns of a trace.
+conditions name all three; inputs, outputs and commands must differ, because all are columns of a trace.
 """
 
 from collections.abc import Mapping
@@ -130,14 +130,15 @@ def _check_conditions(model: Fields, scope: Scope, problems: Problems) -> None:
 
 def _check_columns(model: Fields, states: tuple[str, ...], problems: Problems) -> None:
     columns = ["time", "event", "true_location", *(f"true_{name}" for name in states)]
-    inputs = dict(declarations(model, "input"))
-    for kind in ("input", "output"):
+    taken: dict[str, tuple[str, Span]] = {}
+    for kind, what in (("input", "an input"), ("output", "an output"), ("commands", "a command")):
         for name, span in declarations(model, kind):
+            meaning, first = taken.setdefault(name, (what, span))
             if name in columns:
                 text, helps = f"`{name}` is a column that every trace may have", ("choose another name",)
-                problems.add(diagnostic("DH0215", text, span, f"cannot name an {kind}", helps=helps))
-            elif kind == "output" and name in inputs:
-                text, context = f"`{name}` names both an input and an output", ((inputs[name], "an input here"),)
+                problems.add(diagnostic("DH0215", text, span, f"cannot name {what}", helps=helps))
+            elif meaning != what:
+                text, context = f"`{name}` names both {meaning} and {what}", ((first, f"{meaning} here"),)
                 helps = ("both are columns of a trace, so give one of them another name",)
                 problems.add(diagnostic("DH0215", text, span, context=context, helps=helps))
 

@@ -1,6 +1,7 @@
 """How a model file wants to be simulated: signals, requests, sensors, and what campaigns compare with.
 
-In: the decoded key `simulation`.  Out: `SimulationOptions`; DH0217 where times do not increase.
+In: the decoded key `simulation`.  Out: `SimulationOptions`; DH0217 where times do not increase, DH0201 for a value that
+a command does not have.
 """
 
 from collections.abc import Mapping
@@ -9,14 +10,24 @@ from types import MappingProxyType
 
 from deshybrid.diagnostics import diagnostic
 from deshybrid.model.channels import Channels
+from deshybrid.model.commands import check_value
 from deshybrid.model.fields import Field, Fields
 from deshybrid.model.problems import Problems
 from deshybrid.model.shapes import Expected, checked
-from deshybrid.model.system import MeasurementModel, RatioComparison, SignalModel, SimulationOptions, Variation
+from deshybrid.model.system import (
+    Command,
+    MeasurementModel,
+    RatioComparison,
+    SignalModel,
+    SimulationOptions,
+    Variation,
+)
 
 
-def build_simulation(model: Fields, channels: Channels, problems: Problems) -> SimulationOptions:
-    """Return the options of `simulate`; reports DH0203 and DH0217."""
+def build_simulation(
+    model: Fields, channels: Channels, commands: tuple[Command, ...], problems: Problems
+) -> SimulationOptions:
+    """Return the options of `simulate`; reports DH0201, DH0203 and DH0217."""
     written = model.fields("simulation")
     expected = Expected("start", "state", "the simulation", channels.state())
     return SimulationOptions(
@@ -30,7 +41,23 @@ def build_simulation(model: Fields, channels: Channels, problems: Problems) -> S
         MappingProxyType({name: _sensor(field.fields) for name, field in written.fields("measurement")}),
         _variation(written.fields("variation")),
         _comparison(written.get("comparison")),
+        _commands(written.fields("commands"), commands, problems),
     )
+
+
+def _commands(
+    written: Fields, commands: tuple[Command, ...], problems: Problems
+) -> Mapping[str, tuple[tuple[float, str], ...]]:
+    known = {command.name: command for command in commands}
+    held = {}
+    for name, field in written:
+        _check_times(field.items, problems, strictly=True)
+        points = [(row.items[0].number or 0.0, row.items[1]) for row in field.items] or [(0.0, field)]
+        for _, value in points:
+            if name in known and value.text is not None:
+                check_value(value.text, value, known[name], problems)
+        held[name] = tuple((time, value.text or "") for time, value in points)
+    return MappingProxyType(held)
 
 
 def _requests(written: Fields, problems: Problems) -> tuple[tuple[float, str], ...]:

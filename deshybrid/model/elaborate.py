@@ -8,6 +8,7 @@ Cost: linear in the file, apart from the eigenvalues of covariances.
 from pathlib import Path
 
 from deshybrid.model.channels import build_bounds, build_channels
+from deshybrid.model.commands import build_commands
 from deshybrid.model.covariances import build_chain, build_prior
 from deshybrid.model.decode import decode
 from deshybrid.model.drives import build_simulation
@@ -26,7 +27,7 @@ def elaborate(source: SourceModel) -> HybridSystem:
     """Return the hybrid system of a model file.
 
     Raises `ModelError` with all mistakes found: DH0105, DH0111 to DH0126 (the file's keys and texts), then DH0201 to
-    DH0219 (the model's meaning).
+    DH0220 (the model's meaning).
 
     >>> from deshybrid.model.source import parse_source
     >>> system = elaborate(parse_source('''{format: deshybrid/1, locations: [on, off], transitions: [
@@ -46,7 +47,8 @@ def elaborate(source: SourceModel) -> HybridSystem:
 def _system(model: Fields, scope: Scope, source: SourceModel, problems: Problems) -> HybridSystem:
     channels = build_channels(model, scope, problems)
     locations = build_locations(model, channels, problems)
-    transitions = build_transitions(model, channels, problems)
+    commands = build_commands(model, problems)
+    transitions = build_transitions(model, channels, commands, problems)
     names = tuple(location.name for location in locations)
     initial = tuple(item.text for item in model.items("initial") if item.text is not None)
     return HybridSystem(
@@ -63,12 +65,13 @@ def _system(model: Fields, scope: Scope, source: SourceModel, problems: Problems
         build_bounds(model, channels, problems),
         build_signatures(model, transitions, problems),
         build_observer(model, channels, locations, problems),
-        build_simulation(model, channels, problems),
+        build_simulation(model, channels, commands, problems),
         build_chain(model, names, problems),
         build_prior(model, channels, names, problems),
         model.text("summary"),
         model.text("source"),
         source,
+        commands,
     )
 
 

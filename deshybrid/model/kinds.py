@@ -7,7 +7,17 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 Role: TypeAlias = Literal[
-    "model", "location", "state", "input", "output", "disturbance", "event", "discrete output", "detector"
+    "model",
+    "location",
+    "state",
+    "input",
+    "output",
+    "disturbance",
+    "event",
+    "discrete output",
+    "detector",
+    "command",
+    "value",
 ]
 
 

@@ -77,6 +77,9 @@ RESET = Record(
     ),
 )
 _GAMMA = Name("discrete output", declares=True)
+_VALUE = Name("value", declares=True)  # which values a command has depends on the command: `commands` looks
+_VALUES = ListOf(_VALUE, distinct=True, least=1)
+_WHEN = MapOf("command", ByForm(scalar=_VALUE, sequence=_VALUES))
 TRANSITION = Record(
     "one transition",
     (
@@ -92,6 +95,7 @@ TRANSITION = Record(
             ),
             "the discrete output γ; null or missing = ε, nothing is seen; a list = any of these",
         ),
+        Key("when", _WHEN, "the values of commands that permit it, all of them at once; any where not written"),
         Key("guard", Condition(), "taken where this holds; without it the event comes from outside", needs_state=True),
         Key("reset", RESET, "the jump of the state; none where not written", needs_state=True),
     ),
@@ -228,6 +232,11 @@ SIMULATION = Record(
             ListOf(Row((_NOT_NEGATIVE, Name("event")))),
             "[time, event]: taken at that time, or as soon after it as the guard holds",
         ),
+        Key(
+            "commands",
+            MapOf("command", ByForm(scalar=_VALUE, sequence=ListOf(Row((_NOT_NEGATIVE, _VALUE)), least=1))),
+            "a value, or [time, value] from which it is held; as the requests need it where not written",
+        ),
         Key("input", MapOf("input", SIGNAL), "the inputs", needs_state=True),
         Key("unmeasured", MapOf("input", SIGNAL), "added to inputs, but not written to the trace", needs_state=True),
         Key("disturbance", MapOf("disturbance", SIGNAL), "the disturbances", needs_state=True),
@@ -280,6 +289,7 @@ MODEL = Record(
         Key("input", _channels("input"), "the measured inputs u", needs_state=True),
         Key("output", _channels("output"), "the measured outputs y", needs_state=True),
         Key("disturbance", _channels("disturbance"), "the unknown inputs w", needs_state=True),
+        Key("commands", MapOf("command", _VALUES, declares=True), "known discrete actions, each with its values"),
         Key("bounds", BOUNDS, "what states, inputs, disturbances and measurement errors stay below", needs_state=True),
         Key("defaults", LOCATION, "what every location has that does not say otherwise"),
         Key(

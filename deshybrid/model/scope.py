@@ -53,6 +53,7 @@ def build_scope(source: SourceModel, problems: Problems) -> Scope:
         "output": _union(body.get("output") for body in bodies),
         "disturbance": _disturbances(tree, bodies),
         "event": _events(tree.get("transitions")),
+        "command": _names(tree.get("commands")),
     }
     return Scope(_parameters(tree.get("parameters"), problems), names, source.folder)
 

@@ -55,9 +55,21 @@ class AffineReset:
     offset: FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A discrete action of a controller that is known at every sample, and the values it may have."""
+
+    name: str
+    values: tuple[str, ...]
+    span: Span | None = field(default=None, compare=False, repr=False)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class HybridTransition:
-    """`source` —event→ `target`; `outputs` are the possible γ, `None` = ε; without a guard the event is exogenous."""
+    """`source` —event→ `target`; `outputs` are the possible γ, `None` = ε; without a guard the event is exogenous.
+
+    `when`: the values that commands must have for it; a command that is not named may have any.
+    """
 
     source: str
     event: str
@@ -67,6 +79,7 @@ class HybridTransition:
     reset: AffineReset | None = None  # None in a discrete model; the identity where not written
     span: Span | None = field(default=None, repr=False)
     output_span: Span | None = field(default=None, repr=False)
+    when: Mapping[str, tuple[str, ...]] = field(default_factory=_nothing)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,7 +210,7 @@ class SimulationOptions:
     """How `simulate` drives the model: the plant's signals, and what the sensors make of them.
 
     `requests` (time, event): an exogenous event asked for at that time, taken as soon as its guard holds.
-    `unmeasured` adds to an input what the trace does not tell (a torque ripple, say).
+    `unmeasured` adds to an input what the trace does not tell (a torque ripple, say).  `commands`: (time, value), held.
     """
 
     duration: float | None = None
@@ -210,6 +223,7 @@ class SimulationOptions:
     measurement: Mapping[str, MeasurementModel] = field(default_factory=_nothing)
     variation: Variation = Variation()
     comparison: RatioComparison | None = None
+    commands: Mapping[str, tuple[tuple[float, str], ...]] = field(default_factory=_nothing)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -244,6 +258,12 @@ class HybridSystem(Pictured):
     summary: str = ""
     source_note: str = ""
     source: "SourceModel | None" = field(default=None, repr=False)
+    commands: tuple[Command, ...] = ()
+
+    @property
+    def command_names(self) -> tuple[str, ...]:
+        """The names of the commands."""
+        return tuple(command.name for command in self.commands)
 
     @property
     def is_discrete(self) -> bool:

@@ -1,7 +1,7 @@
 """The transitions of a system: events, outputs, guards, resets.
 
-In: the decoded file and the channels.  Out: one `HybridTransition` for each row, in the order written; DH0203 for a
-reset of the wrong shape, DH0207 for a location that no transition leaves.
+In: the decoded file, the channels and the commands.  Out: one `HybridTransition` for each row, in the order written;
+DH0203 for a reset of the wrong shape, DH0207 for a location that no transition leaves.
 """
 
 import numpy as np
@@ -9,22 +9,25 @@ import numpy as np
 from deshybrid.diagnostics import Span, diagnostic
 from deshybrid.linear.arrays import frozen_array
 from deshybrid.model.channels import Channels
+from deshybrid.model.commands import build_when
 from deshybrid.model.fields import Field, Fields
 from deshybrid.model.locations import location_bodies
 from deshybrid.model.problems import Problems
 from deshybrid.model.shapes import Expected, checked
-from deshybrid.model.system import AffineReset, HybridTransition
+from deshybrid.model.system import AffineReset, Command, HybridTransition
 
 
-def build_transitions(model: Fields, channels: Channels, problems: Problems) -> tuple[HybridTransition, ...]:
+def build_transitions(
+    model: Fields, channels: Channels, commands: tuple[Command, ...], problems: Problems
+) -> tuple[HybridTransition, ...]:
     """Return the transitions; a model whose `transition_probability` replaces them may have none."""
-    found = tuple(_transition(row, channels, problems) for row in model.items("transitions"))
+    found = tuple(_transition(row, channels, commands, problems) for row in model.items("transitions"))
     if model.get("transitions") is not None or model.get("transition_probability") is None:
         _check_dead_ends(model, found, problems)
     return found
 
 
-def _transition(row: Field, channels: Channels, problems: Problems) -> HybridTransition:
+def _transition(row: Field, channels: Channels, commands: tuple[Command, ...], problems: Problems) -> HybridTransition:
     keys = row.fields
     emits = keys.get("emits")
     return HybridTransition(
@@ -36,6 +39,7 @@ def _transition(row: Field, channels: Channels, problems: Problems) -> HybridTra
         _reset(keys, channels, problems),
         row.span,
         row.span if emits is None else emits.span,
+        build_when(keys.get("when"), commands, problems),
     )
 
 

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 
 from deshybrid.continuous.certified import Certificate
 from deshybrid.continuous.gains import ObserverGains
+from deshybrid.des.automaton import Output
 from deshybrid.des.signatures import SignaturePlan
 from deshybrid.detector.detector import TransitionDetector
 from deshybrid.diagnostics import UsageError, diagnostic
@@ -20,7 +21,7 @@ from deshybrid.model.system import HybridSystem
 from deshybrid.observer import MAX_TABLE, reference
 from deshybrid.observer.filling import fill_flow, fill_generators, fill_resets
 from deshybrid.observer.tables import STATUS_NAMES, StepTables, plain_tables
-from deshybrid.observer.tracker import Tracker, choose_tracker, outputs_of
+from deshybrid.observer.tracker import CommandNeeds, Tracker, choose_tracker, outputs_of
 
 ObserverState: TypeAlias = reference.State
 UNKNOWN_EVENT = -1
@@ -68,8 +69,10 @@ class HybridObserver:
         """How the location observer runs, by a table or on line, and why."""
         if self.tables.online is None:
             return f"a table of {_states(len(self.tables.tracker))}, the limit is {self.max_states}"
-        pairs = self.tables.online.pairs
-        return f"on line, a set of up to {pairs} pairs; a table would have more than {_states(self.max_states)}"
+        pairs = f"on line, a set of up to {self.tables.online.pairs} pairs"
+        if self.tables.commands:
+            return f"{pairs}; the commands decide what is possible"
+        return f"{pairs}; a table would have more than {_states(self.max_states)}"
 
     @property
     def step_seconds(self) -> float:
@@ -81,19 +84,28 @@ class HybridObserver:
         return reference.start(self._plain)
 
     def step(
-        self, state: ObserverState, input: Sequence[float], output: Sequence[float], event: str | None
+        self,
+        state: ObserverState,
+        input: Sequence[float],
+        output: Sequence[float],
+        event: str | None,
+        command: Sequence[str | None] = (),
     ) -> tuple[ObserverState, Estimate]:
         """Take one sample: m inputs, p outputs, and the discrete output seen since the previous sample, if any.
 
-        Nothing in a sample raises: numbers that are not finite give the status `invalid`, events that nothing explains
-        (or that the model does not know) give `inconsistent` and a restart.  Raises `UsageError` (DH0607) where the
-        number of inputs or outputs is wrong.
+        `command`: the value of each command, None or a value that the model does not know where it is unknown; without
+        it all are.  Nothing in a sample raises: numbers that are not finite give the status `invalid`, events that
+        nothing explains (or that the model does not know) give `inconsistent` and a restart.  Raises `UsageError`
+        (DH0607) where the number of inputs, outputs or commands is wrong.
         """
-        self._require_widths(input, output)
+        self._require_widths(input, output, command)
         code = 0 if not event else self._codes.get(event, UNKNOWN_EVENT)
-        sample = tuple(float(value) for value in input), tuple(float(value) for value in output)
-        after, (location, tracker, signature, status, x) = reference.step(self._plain, state, *sample, code)
         tables = self.tables
+        values = zip(tables.commands, command or [None] * len(tables.commands), strict=True)
+        given = tuple(known.index(value) + 1 if value in known else 0 for (_, known), value in values)
+        sample = tuple(float(value) for value in input), tuple(float(value) for value in output)
+        after, said = reference.step(self._plain, state, *sample, code, command=given)
+        location, tracker, signature, status, x = said
         estimate = Estimate(
             location=tables.location_names[location] if location >= 0 else None,
             entry_estimate=tuple(tables.location_names[i] for i in self._plain["tracker"].entry_estimate(tracker)),
@@ -109,12 +121,15 @@ class HybridObserver:
             return self.tables.signature_names[number]
         return self._shown.get(event) if event else None
 
-    def _require_widths(self, input: Sequence[float], output: Sequence[float]) -> None:
+    def _require_widths(self, input: Sequence[float], output: Sequence[float], command: Sequence[str | None]) -> None:
         wanted = len(self.tables.input_names), len(self.tables.output_names)
         if (len(input), len(output)) != wanted:
             message = (
                 f"a sample has {len(input)} inputs and {len(output)} outputs, expected {wanted[0]} and {wanted[1]}"
             )
+            raise UsageError(diagnostic("DH0607", message))
+        if len(command) not in (0, len(self.tables.commands)):
+            message = f"a sample has {len(command)} commands, expected {len(self.tables.commands)}"
             raise UsageError(diagnostic("DH0607", message))
 
     def __repr__(self) -> str:
@@ -159,9 +174,36 @@ def build_observer(
     _require_plan(system, plan, detector)
     delays = {} if detector is None else detector.delays
     certain = frozenset(name for name, d in delays.items() if d.seconds is not None and not d.condition)
-    tracker = choose_tracker(plan, signatures_are_events=system.is_discrete, guaranteed=certain, max_states=max_states)
+    tracker = choose_tracker(
+        plan,
+        signatures_are_events=system.is_discrete,
+        guaranteed=certain,
+        needs=command_needs(system),
+        max_states=max_states,
+    )
     tables = _tables(system, plan, detector, gains, tracker, step=step)
     return HybridObserver(system, plan, detector, gains, tables, certificates, max_states)
+
+
+def command_needs(system: HybridSystem) -> CommandNeeds:
+    """Return the commands of a model as the tracker knows them.
+
+    >>> from deshybrid.model.load import loads
+    >>> command_needs(loads('''
+    ... {format: deshybrid/1, commands: {lever: [P, D]}, locations: [on], transitions: [
+    ...  {from: on, to: on, event: a, when: {lever: D}}, {from: on, to: on, event: b}]}
+    ... '''))
+    CommandNeeds(commands=(2,), masks=((2,), ()))
+    """
+    bits: dict[tuple[str, str], int] = {}
+    for command in system.commands:
+        for value in command.values:
+            bits[command.name, value] = 1 << len(bits)
+    masks = tuple(
+        tuple(sum(bits[name, value] for value in values) for name, values in transition.when.items())
+        for transition in system.transitions
+    )
+    return CommandNeeds(tuple(len(command.values) for command in system.commands), masks)
 
 
 def _tables(
@@ -194,6 +236,8 @@ def _tables(
         reset_matrix=reset_matrix,
         reset_offset=reset_offset,
         online=tracker.online,
+        commands=tuple((command.name, command.values) for command in system.commands),
+        command_slack=0 if system.is_discrete else 1,
     )
 
 
@@ -205,8 +249,8 @@ def _signatures_in_events(plan: SignaturePlan) -> dict[str, str]:
     """In a purely discrete model a signature comes as an event: alone, or as the pair `γ,s`."""
     names = {signature.name: signature.name for signature in plan.signatures}
     for transition in plan.complementary.transitions if plan.complementary else ():
-        pairs = (seen for seen in transition.seen if seen is not None and seen.signature is not None)
-        names |= {str(pair): str(pair.signature) for pair in pairs}
+        if transition.signature is not None:
+            names |= {str(Output(gamma, transition.signature)): transition.signature for gamma in transition.outputs}
     outputs = set(outputs_of(plan.des))
     return {event: name for event, name in names.items() if event not in outputs}
 

@@ -4,8 +4,13 @@ In: the moves of the locations, as `deshybrid.observer.tracker` collects them fr
 mask of pairs (location, signature due): bit q stands for (q, none due), bit `locations` + i for `waiting[i]`.
 
 This is the one meaning of the tracker.  The tabulated tracker asks it for every state that can be reached; where these
-are too many, it is asked for one state after the other while the plant runs.  As for `reference`, nothing beyond the
-standard library's `typing` is imported, so that this very text can be copied into a generated program.
+are too many, or commands decide what is possible, it is asked for one state after the other while the plant runs.  As
+for `reference`, nothing beyond the standard library's `typing` is imported, so that this very text can be copied into a
+generated program.
+
+Known commands: the values of all commands are the bits of a mask, those of the first command lowest.  A move may need
+certain values: a mask for each command that it depends on, with which `allowed`, the values that may have been on when
+the move happened, must have a bit in common.  A move that is not seen is taken for possible under any command.
 
 Cost: one step looks at the moves of one event, and at those of all signatures.  Memory: one bit a pair.
 Source: Balluchi et al. (2012), sections 3.1, 4.1 and 4.2; the rules are in the text of `deshybrid.observer.tracker`.
@@ -15,6 +20,9 @@ from typing import NamedTuple
 
 NONE = -1  # no location, no state
 RESTART = -2  # what was seen is inconsistent
+ANY = -1  # all values of all commands
+
+Conditional = tuple[tuple[int, tuple[int, ...]], ...]
 
 
 class OnlineTracker(NamedTuple):
@@ -34,6 +42,8 @@ class OnlineTracker(NamedTuple):
     generator: tuple[int, ...]  # by location: its residual generator or -1
     guaranteed: tuple[bool, ...]  # by signature: it comes within the detection window whatever happens
     times_out: bool  # signatures come by themselves and late, not as events
+    commands: tuple[int, ...] = ()  # by command: how many values it has
+    conditional: tuple[dict[int, Conditional], ...] = ()  # by token, beside its moves: those that need (masks) commands
 
     @property
     def pairs(self) -> int:
@@ -52,23 +62,23 @@ class OnlineTracker(NamedTuple):
         """Return the numbers of the locations that may have been entered last, ascending."""
         return tuple(_members(self._places(state)))
 
-    def after_event(self, state: int, event: int) -> int:
+    def after_event(self, state: int, event: int, allowed: int = ANY) -> int:
         """Return the state after event number `event`, -1 where nothing explains it."""
-        return self.follow(state, self.sources(state), event)
+        return self.follow(state, self.sources(state), event, allowed)
 
-    def restart_on(self, event: int) -> int:
+    def restart_on(self, event: int, allowed: int = ANY) -> int:
         """Return the state after an event that the present state does not explain."""
         everything = (1 << self.locations) - 1
-        target = self.after_event(everything, event)
+        target = self.after_event(everything, event, allowed)
         return target if target >= 0 else everything
 
-    def candidates(self, state: int) -> tuple[tuple[int, int, tuple[int, ...], int], ...]:
+    def candidates(self, state: int, allowed: int = ANY) -> tuple[tuple[int, int, tuple[int, ...], int], ...]:
         """Return the signatures that lead out of a state: (signature, active generator, quiet generators, target).
 
         A negation without a generator for every alternative, or that leads nowhere else, shows nothing.
         """
         sources = self.sources(state) if self.active else ()
-        found = ((s, self.follow(state, sources, self.events + s)) for s in range(len(self.active)))
+        found = ((s, self.follow(state, sources, self.events + s, allowed)) for s in range(len(self.active)))
         targets = [(signature, target, self._places(target)) for signature, target in found if target >= 0]
         possible = self._places(state)
         for _, _, reached in targets:
@@ -113,9 +123,10 @@ class OnlineTracker(NamedTuple):
                 closed |= 1 << target
         return _members(closed)
 
-    def follow(self, state: int, sources: tuple[list[int], ...], token: int) -> int:
+    def follow(self, state: int, sources: tuple[list[int], ...], token: int, allowed: int = ANY) -> int:
         """Return the state after a token, -1 for none: from the settled pairs, else from those that wait."""
         answers, moves = self.tokens[token]
+        conditional = self.conditional[token] if self.conditional else {}
         due = 0
         for i in _members(state >> self.locations):
             location, signature = self.waiting[i]
@@ -125,6 +136,8 @@ class OnlineTracker(NamedTuple):
             for source in turn:
                 for pair in moves.get(source, ()):
                     found |= 1 << pair
+                for pair, needed in conditional.get(source, ()):
+                    found |= 1 << pair if all(allowed & mask for mask in needed) else 0
             if found:
                 return self._forget(found)
         return NONE

@@ -38,6 +38,7 @@ class State(NamedTuple):
     fired: int  # the signature that may not fire again yet, or -1
     flow: int  # the location whose continuous observer runs, or -1
     x: Numbers  # the estimate of the continuous state
+    command_age: tuple[int, ...]  # by value of a command: ticks since it was on, `window_ticks` + 1 = that is no matter
 
 
 def start(tables: Tables) -> State:
@@ -46,16 +47,25 @@ def start(tables: Tables) -> State:
     initial = tables["initial"]
     location = tables["tracker"].known(initial)[0]
     flow = location if location >= 0 and tables["flow_defined"][location] else -1
-    return State(0, None, (), none, (0,) * len(none), none, none, none, initial, 0, -1, flow, tables["start"])
+    ages = (tables["window_ticks"] + 1,) * sum(tables["commands"])
+    return State(0, None, (), none, (0,) * len(none), none, none, none, initial, 0, -1, flow, tables["start"], ages)
 
 
 def step(
-    tables: Tables, state: State, sample_input: Numbers, sample_output: Numbers, event: int
+    tables: Tables,
+    state: State,
+    sample_input: Numbers,
+    sample_output: Numbers,
+    event: int,
+    *,
+    command: tuple[int, ...] = (),
 ) -> tuple[State, tuple[int, int, int, int, Numbers]]:
     """Return the state after one sample, and the estimate (location, tracker state, signature, status, x).
 
     `event` is 0 for none, else 1 + the number of the event; location and signature are -1 where there is none.
+    `command`: for each command 1 + the number of its value, any other number (0) where it is unknown.
     """
+    state = state._replace(command_age=heed(tables, state.command_age, command))
     valid = is_within(sample_input) and is_within(sample_output)
     before = state.active
     state = advance(tables, state)
@@ -73,6 +83,24 @@ def step(
     elif not valid:
         status = INVALID
     return state, (location, state.tracker, signature, status, state.x)
+
+
+def heed(tables: Tables, ages: tuple[int, ...], command: tuple[int, ...]) -> tuple[int, ...]:
+    """Return for how many ticks each value of a command has been off; of an unknown command all values may be on."""
+    result: list[int] = []
+    for count, code in zip(tables["commands"], command, strict=True):
+        for value in range(count):
+            on = code == value + 1 or not 1 <= code <= count
+            result.append(0 if on else min(ages[len(result)] + 1, tables["window_ticks"] + 1))
+    return tuple(result)
+
+
+def allowed(ages: tuple[int, ...], ticks: int) -> int:
+    """Return the values of commands that were on in the last `ticks` ticks or are now, as a mask."""
+    mask = 0
+    for value, age in enumerate(ages):
+        mask |= 1 << value if age <= ticks else 0
+    return mask
 
 
 def is_within(values: Numbers) -> bool:
@@ -147,11 +175,12 @@ def track(tables: Tables, state: State, event: int, before: Flags) -> tuple[Stat
     inconsistent = moved = False
     if event != 0:
         known = 1 <= event <= tables["events"]
-        target = tables["tracker"].after_event(state.tracker, event - 1) if known else -1
+        lately = allowed(state.command_age, tables["command_slack"])
+        target = tables["tracker"].after_event(state.tracker, event - 1, lately) if known else -1
         if target < 0:
             inconsistent = True
-            target = tables["tracker"].restart_on(event - 1) if known else tables["restart"]
-        state, moved = move(tables, state, target), True
+            target = tables["tracker"].restart_on(event - 1, lately) if known else tables["restart"]
+        state, moved = settle(tables, move(tables, state, target)), True
         if not tables["tracker"].known(target)[1]:
             stale = tuple(was and now for was, now in zip(before, state.active, strict=True))
             state = state._replace(stale=stale)
@@ -159,7 +188,7 @@ def track(tables: Tables, state: State, event: int, before: Flags) -> tuple[Stat
     state = state._replace(fired=fired)
     timeout = tables["tracker"].timeout(state.tracker)
     if target >= 0:
-        state = move(tables, state, target)
+        state = settle(tables, move(tables, state, target))
     elif not moved and timeout != -1 and state.silence == tables["window_ticks"]:
         inconsistent = timeout < 0
         state = move(tables, state, tables["restart"] if inconsistent else timeout)
@@ -172,7 +201,8 @@ def listen(tables: Tables, state: State, before: Flags) -> tuple[int, int, int]:
     `before` is the activity one tick ago.
     """
     blocked = -1
-    for signature, own, quiet, target in tables["tracker"].candidates(state.tracker):
+    lately = allowed(state.command_age, tables["window_ticks"])
+    for signature, own, quiet, target in tables["tracker"].candidates(state.tracker, lately):
         holds = not any(state.active[g] for g in quiet)
         if own >= 0:
             holds = holds and state.active[own] and not state.stale[own]
@@ -186,6 +216,13 @@ def listen(tables: Tables, state: State, before: Flags) -> tuple[int, int, int]:
         if holds:
             blocked = signature
     return -1, -1, blocked
+
+
+def settle(tables: Tables, state: State) -> State:
+    """Forget the commands before a transition that is seen now: the next one comes after it."""
+    out = tables["window_ticks"] + 1
+    ages = tuple(age if age <= tables["command_slack"] else out for age in state.command_age)
+    return state._replace(command_age=ages)
 
 
 def move(tables: Tables, state: State, tracker: int) -> State:

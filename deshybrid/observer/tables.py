@@ -13,7 +13,10 @@ meets -LARGEST <= v <= LARGEST (so neither NaN nor infinite); the held sample (u
    Relay: on while |r_c| · weight_c <= limit in every channel c; limit is 1 to switch on, `release` to stay on (a NaN
    switches it off).  Debounce: a generator becomes active after `on_ticks` consecutive ticks with the relay on,
    inactive after `off_ticks` consecutive ticks with it off.  At an invalid sample relay, debounce and activity stay.
-3. Tracker (a table of states; the on-line tracker says the same of a state when it is asked).
+3. Commands: `age` of each value = ticks since it was on, 0 at a tick that brings it (or does not tell the command).
+   A move that is seen at a tick may have happened while a value was on that is at most `command_slack` ticks old for an
+   event, `window_ticks` for a signature.  A move by either puts older values to `window_ticks` + 1.
+   Tracker (a table of states; the on-line tracker says the same of a state when it is asked).
    `silence` = ticks since the last move (0 at the move, and at the start; it stops at `window_ticks`);
    `seen` = generators active at the tick of the last move or at a later one, up to the tick before this one; `stale` =
    generators active at every tick since the one before the last move, where that was by an event and into no
@@ -150,6 +153,8 @@ class StepTables:
     reset_matrix: FloatArray  # (K, n, n)
     reset_offset: FloatArray  # (K, n)
     online: OnlineTracker | None = None  # its states are bit masks, `initial` and `restart` too
+    commands: tuple[tuple[str, tuple[str, ...]], ...] = ()  # names and values
+    command_slack: int = 0  # ticks before the one at which an event is seen, whose commands may have been on at it
 
 
 def plain_tables(tables: StepTables) -> dict[str, object]:
@@ -172,6 +177,8 @@ def plain_tables(tables: StepTables) -> dict[str, object]:
         "reset_rows": _plain(tables.reset_matrix),
         "reset_offset": _plain(tables.reset_offset),
         "generators": tuple(_plain_generator(tables.generators, g) for g in range(len(tables.generators.locations))),
+        "commands": tuple(len(values) for _, values in tables.commands),
+        "command_slack": tables.command_slack,
         "tracker": tables.online or _plain_tracker(tables),
     }
 

@@ -21,22 +21,45 @@ than guesses.  One by negation needs a generator for every alternative, and is l
 A purely discrete model has no residuals: there the signatures come as events of the same name, and a pair (γ, s) that
 comes at once as the event `γ,s`; nothing times out, and nothing due is forgotten, because its event will come.
 
+Known commands drop the edges that they exclude.  An edge counts while a command that it needs was on at the sample that
+shows γ or at the one before (of a purely discrete model: in that row), for a signature within the detection window, in
+both cases since the transition before it was seen.  Invisible edges count under any command.
+
 The moves are collected here once, as an `OnlineTracker`, which says what they mean.  `build_tracker` makes a table of
-all states that it can reach: up to 2^(|Q| (|S|+1)), hence `max_states`.  Beyond that the observer asks it on line.
+all states that it can reach: up to 2^(|Q| (|S|+1)), hence `max_states`.  Beyond that the observer asks it on line, and
+where commands are known: what a state allows then depends on the moment.
 Source: Balluchi et al. (2012), sections 3.1, 4.1 and 4.2; Figure 9.
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from deshybrid.des.automaton import DES, Output, Transition
 from deshybrid.des.signatures import SignaturePlan
 from deshybrid.des.worklist import explore
 from deshybrid.diagnostics import LimitReached
 from deshybrid.observer import MAX_TABLE
-from deshybrid.observer.online import NONE, OnlineTracker
+from deshybrid.observer.online import NONE, Conditional, OnlineTracker
 from deshybrid.observer.tables import Candidate, TrackerState
+
+Move = TypeVar("Move", int, tuple[int, tuple[int, ...]])
+
+
+@dataclass(frozen=True, slots=True)
+class CommandNeeds:
+    """How many values each command has, and the masks that each transition (by number) needs; see `OnlineTracker`."""
+
+    commands: tuple[int, ...] = ()
+    masks: tuple[tuple[int, ...], ...] = ()
+
+    def of(self, transition: int) -> tuple[int, ...]:
+        """Return the masks of a transition, none where it does not depend on commands."""
+        return self.masks[transition] if self.masks else ()
+
+
+NO_COMMANDS = CommandNeeds()
 
 
 class Token(NamedTuple):
@@ -64,11 +87,13 @@ def choose_tracker(
     *,
     signatures_are_events: bool = False,
     guaranteed: frozenset[str] = frozenset(),
+    needs: CommandNeeds = NO_COMMANDS,
     max_states: int = MAX_TABLE,
 ) -> Tracker:
     """Return the tracker as a table of up to `max_states` states, else the on-line tracker, whose states are bit masks.
 
-    Both give the same estimates.  `guaranteed`: as for `build_tracker`.
+    Both give the same estimates; where commands are known it is always the second.  `guaranteed`: as for
+    `build_tracker`; `needs`: of commands.
 
     >>> from deshybrid.des.signatures import recover_observability
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", "β")])
@@ -76,11 +101,11 @@ def choose_tracker(
     >>> tracker.states, bin(tracker.initial), bin(tracker.online.after_event(tracker.initial, 0))
     ((), '0b11', '0b10')
     """
-    moves = _Moves(plan, signatures_are_events, guaranteed)
-    try:
-        return _tabulated(moves, max_states)
-    except LimitReached:
-        return Tracker(moves.event_names, moves.heard, (), *moves.roots, (), moves.online)
+    moves = _Moves(plan, signatures_are_events, guaranteed, needs)
+    if not needs.commands:
+        with suppress(LimitReached):
+            return _tabulated(moves, max_states)
+    return Tracker(moves.event_names, moves.heard, (), *moves.roots, (), moves.online)
 
 
 def build_tracker(
@@ -101,7 +126,7 @@ def build_tracker(
     >>> [state.entry_estimate for state in tracker.states], tracker.states[0].on_event
     ([(0, 1), (1,), (0,)], (1, 2))
     """
-    return _tabulated(_Moves(plan, signatures_are_events, guaranteed), max_states)
+    return _tabulated(_Moves(plan, signatures_are_events, guaranteed, NO_COMMANDS), max_states)
 
 
 def outputs_of(des: DES) -> tuple[str, ...]:
@@ -117,8 +142,10 @@ def outputs_of(des: DES) -> tuple[str, ...]:
 class _Moves:
     """The moves of a plan's locations by what is seen, and the names of what is seen."""
 
-    def __init__(self, plan: SignaturePlan, signatures_are_events: bool, guaranteed: frozenset[str]) -> None:
-        self.plan = plan
+    def __init__(
+        self, plan: SignaturePlan, signatures_are_events: bool, guaranteed: frozenset[str], needs: CommandNeeds
+    ) -> None:
+        self.plan, self.needs = plan, needs
         self.des = plan.complementary or plan.des
         self.place = {name: number for number, name in enumerate(self.des.locations)}
         carried = (t.signature for t in self.des.transitions if t.signature is not None)  # also of several detectors
@@ -127,14 +154,15 @@ class _Moves:
         self.heard = () if signatures_are_events else tuple(self.number)
         self.events = {gamma: Output(gamma) for gamma in outputs_of(self.des)}
         if signatures_are_events:
-            pairs = (seen for transition in self.des.transitions for seen in transition.seen if seen is not None)
+            pairs = (Output(gamma, t.signature) for t in self.des.transitions for gamma in t.outputs)
             for output in (*(Output(None, name) for name in self.number), *pairs):
-                self.events.setdefault(str(output), output)
+                if not output.is_nothing:
+                    self.events.setdefault(str(output), output)
         self.event_names = tuple(self.events)
-        self.showing: dict[str | None, list[Transition]] = {}
-        for transition in self.des.transitions:
+        self.showing: dict[str | None, list[tuple[int, Transition]]] = {}
+        for number, transition in enumerate(self.des.transitions):
             for gamma in dict.fromkeys(transition.outputs):
-                self.showing.setdefault(gamma, []).append(transition)
+                self.showing.setdefault(gamma, []).append((number, transition))
         late = sorted(set(self._late()), key=lambda pair: (self.place[pair[0]], self.number[pair[1]]))
         self.pair: dict[tuple[str, str | None], int] = {(name, None): q for name, q in self.place.items()}
         self.pair |= {pair: len(self.place) + i for i, pair in enumerate(late)}
@@ -154,6 +182,7 @@ class _Moves:
 
     def _online(self, waiting: tuple[tuple[int, int], ...], guaranteed: frozenset[str]) -> OnlineTracker:
         plan, heard = self.plan, [Output(None, name) for name in self.heard]
+        found = [self._token(output) for output in (*self.events.values(), *heard)]
         generator = {name: number for number, name in enumerate(plan.generators)}
         own = (generator[s.location] if s.by == "residual" else NONE for s in plan.signatures)
         persistent = set(plan.report.persistent)
@@ -163,11 +192,13 @@ class _Moves:
             waiting=waiting,
             silent=self._silent(),
             events=len(self.events),
-            tokens=tuple(self._token(output) for output in (*self.events.values(), *heard)),
+            tokens=tuple((answers, moves) for answers, moves, _ in found),
             active=tuple(own) if heard else (),
             generator=tuple(generator.get(name, NONE) for name in self.place),
             guaranteed=tuple(s.location in guaranteed for s in plan.signatures),
             times_out=bool(self.heard),
+            commands=self.needs.commands,
+            conditional=tuple(moves for _, _, moves in found) if self.needs.commands else (),
         )
 
     def _silent(self) -> dict[int, tuple[int, ...]]:
@@ -182,15 +213,28 @@ class _Moves:
         reach = {location: explore([location], unseen).nodes[1:] for location in sorted(targets)}
         return {location: tuple(sorted(found)) for location, found in reach.items() if found}
 
-    def _token(self, output: Output) -> tuple[int, dict[int, tuple[int, ...]]]:
+    def _token(self, output: Output) -> tuple[int, dict[int, tuple[int, ...]], dict[int, Conditional]]:
         """γ alone leaves a signature due, γ and s together do not; s alone also comes where it was due."""
         moves: dict[int, set[int]] = {}
-        for transition in self.showing.get(output.gamma, ()):
+        conditional: dict[int, set[tuple[int, tuple[int, ...]]]] = {}
+        for number, transition in self.showing.get(output.gamma, ()):
             if output.signature in (None, transition.signature):
                 due = transition.signature if output.signature is None else None
-                moves.setdefault(self.place[transition.source], set()).add(self.pair[transition.target, due])
+                source, pair, needed = (
+                    self.place[transition.source],
+                    self.pair[transition.target, due],
+                    self.needs.of(number),
+                )
+                if needed:
+                    conditional.setdefault(source, set()).add((pair, needed))
+                else:
+                    moves.setdefault(source, set()).add(pair)
         answers = self.number[output.signature] if output.gamma is None and output.signature is not None else NONE
-        return answers, {source: tuple(sorted(moves[source])) for source in sorted(moves)}
+        return answers, _in_order(moves), _in_order(conditional)
+
+
+def _in_order(moves: dict[int, set[Move]]) -> dict[int, tuple[Move, ...]]:
+    return {source: tuple(sorted(moves[source])) for source in sorted(moves)}
 
 
 def _tabulated(moves: _Moves, max_states: int) -> Tracker:
@@ -237,4 +281,4 @@ def _state(online: OnlineTracker, state: int, on_event: tuple[int, ...], number:
     )
 
 
-__all__ = ["Tracker", "build_tracker", "choose_tracker", "outputs_of"]
+__all__ = ["CommandNeeds", "Tracker", "build_tracker", "choose_tracker", "outputs_of"]

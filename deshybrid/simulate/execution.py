@@ -21,6 +21,7 @@ from deshybrid.diagnostics import Diagnostic, Span, UsageError, diagnostic, rais
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.system import HybridSystem, HybridTransition
 from deshybrid.model.timing import sampling_step
+from deshybrid.simulate.commands import command_timeline
 from deshybrid.simulate.events import Agenda, Stop, Switch
 from deshybrid.simulate.plant import Drive, Plant
 from deshybrid.simulate.sensors import measure
@@ -126,7 +127,8 @@ def build_drive(system: HybridSystem, *, seed: int, duration: float, step: float
         kind=DISTURBANCE,
         period=period,
     )
-    return Drive(step, substeps, time, shown, shown + hidden, disturbances)
+    commands = command_timeline(system, seed=seed, duration=duration, period=period)
+    return Drive(step, substeps, time, shown, shown + hidden, disturbances, commands)
 
 
 def _written_step(system: HybridSystem, step: float) -> Span | None:
@@ -185,6 +187,7 @@ def _trace(plant: Plant, seed: int) -> Trace:
         tuple(seen.get(row) for row in range(len(rows))),
         tuple(names[place] for place in plant.places[rows].tolist()),
         plant.states[rows],
+        tuple(drive.commands.at(time) for time in drive.time[rows].tolist()),
     )
 
 
@@ -201,10 +204,11 @@ def _run_automaton(system: HybridSystem, seed: int, duration: float) -> Executio
     """A run of a purely discrete model, one row for each transition."""
     agenda, generator = Agenda(system, seed), stream(seed, START)
     name = system.simulation.location or system.initial[int(generator.integers(len(system.initial)))]
+    commands = command_timeline(system, seed=seed, duration=duration)
     switches: list[Switch] = []
     places, now, stop = [name], 0.0, None
     while True:
-        when, options = _next_exit(system, agenda, name, now)
+        when, options = commands.first_permitted(*_next_exit(system, agenda, name, now))
         if not options or when > duration:
             if not any(t.source == name for t in system.transitions):
                 stop = Stop("blocked", now, f"no transition leaves location `{name}`", system.location(name).span)
@@ -220,7 +224,8 @@ def _run_automaton(system: HybridSystem, seed: int, duration: float) -> Executio
         places.append(name)
     empty = np.zeros((len(places), 0))
     times, events = np.array([0.0, *(s.time for s in switches)]), (None, *(s.output for s in switches))
-    trace = Trace(system, times, empty, empty, events, tuple(places))
+    told = tuple(map(commands.at, times.tolist()))
+    trace = Trace(system, times, empty, empty, events, tuple(places), commands=told)
     return Execution(system, seed, duration, None, trace, tuple(switches), agenda.pending, stop)
 
 

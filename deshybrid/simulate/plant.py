@@ -3,8 +3,9 @@
 In: a system and what acts on it from outside (`Drive`).  Out: the states and locations on the grid, the switches, and
 the reason to stop, if there is one.
 
-Inputs and disturbances are held over a sub-step.  Within it the flow is exact, and the instant of an event is found by
-root finding.  Guarded transitions are urgent: taken as soon as the guard holds, once the shortest stay has passed.
+Inputs, disturbances and commands are held over a sub-step.  Within it the flow is exact, and the instant of an event is
+found by root finding.  Guarded transitions are urgent: taken as soon as the guard holds, once the shortest stay has
+passed.  What a command excludes waits until the command permits it.
 The row of a trace at time t shows what is true after all events up to and including t.  Transitions that would follow
 each other in one instant stop the run: B12 excludes them.
 
@@ -21,6 +22,7 @@ import numpy as np
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.predicates import Predicate
 from deshybrid.model.system import HybridSystem, HybridTransition, Location
+from deshybrid.simulate.commands import Timeline
 from deshybrid.simulate.events import Agenda, Stop, Switch
 from deshybrid.simulate.flow import Flow, build_flow, outputs_of
 from deshybrid.simulate.guards import RESOLUTION, Piece, Watch, build_watch, first_time, holds
@@ -46,6 +48,7 @@ class Drive:
     shown: FloatArray
     inputs: FloatArray
     disturbances: FloatArray
+    commands: Timeline
 
     @property
     def tick(self) -> float:
@@ -197,7 +200,7 @@ class Plant:
             return Decision(end)  # discrete time: one transition a step
         if end - offset <= self._close:
             return Decision(end)  # too short to tell a sign from rounding; the next stretch decides
-        ready = self._ready(now)
+        ready = self._ready(now, tick)
         overdue = now >= self.entered + (mode.location.dwell.max or np.inf) - self._close
         invariant = mode.location.invariant
         pieces: Sequence[Piece] = ()
@@ -208,7 +211,7 @@ class Plant:
         limit = 0.0 if overdue else None if invariant is None else first_time(pieces, invariant, False)
         soonest = min((time for time, _ in timed), default=np.inf)
         if limit is not None and soonest > limit + self._close:
-            enabled = self._enabled(pieces, limit, now + limit)
+            enabled = self._enabled(pieces, limit, now + limit, tick)
             stop = None if enabled else self._must_leave(now + limit, overdue)
             return Decision(offset + limit, enabled, forced=True, stop=stop)
         if not timed:
@@ -227,25 +230,31 @@ class Plant:
         inside = [g - start for g in gates if offset + self._close < g - start < whole - self._close]
         return min(inside, default=whole)
 
-    def _ready(self, now: float) -> list[HybridTransition]:
+    def _ready(self, now: float, tick: int) -> list[HybridTransition]:
         """The transitions that may be taken from now on, as soon as their guards hold."""
         if now < self.entered + (self.mode.location.dwell.min or 0.0) - self._close:
             return []
-        exits, head = self.mode.exits, self.agenda.head
+        exits, head = self._permitted(self.mode.exits, tick), self.agenda.head
         ready = [t for t in exits if t.guard is not None and t.event not in self.agenda.requested]
         if head is not None and now >= head[0] - self._close:
             ready += [t for t in exits if t.event == head[1]]
         if self.leave is not None and now >= self.leave - self._close:
             free = [t for t in exits if t.guard is None]
-            ready.append(free[self.agenda.choose(len(free))])
+            ready += [free[self.agenda.choose(len(free))]] if free else []
         return ready
 
-    def _enabled(self, pieces: Sequence[Piece], limit: float, when: float) -> tuple[HybridTransition, ...]:
+    def _permitted(self, exits: Sequence[HybridTransition], tick: int) -> tuple[HybridTransition, ...]:
+        """Those that the commands of this sub-step permit."""
+        now = float(self.drive.time[tick])
+        return tuple(t for t in exits if self.drive.commands.permits(t, now))
+
+    def _enabled(self, pieces: Sequence[Piece], limit: float, when: float, tick: int) -> tuple[HybridTransition, ...]:
         """All transitions that can be taken at the instant at which the location cannot be stayed in any longer."""
         if when < self.entered + (self.mode.location.dwell.min or 0.0) - self._close:
             return ()
         values = [piece.values for piece in pieces if abs(piece.offset - limit) <= self._close]
-        return tuple(t for t in self.mode.exits if t.guard is None or any(holds(t.guard, v) for v in values))
+        exits = self._permitted(self.mode.exits, tick)
+        return tuple(t for t in exits if t.guard is None or any(holds(t.guard, v) for v in values))
 
     def _must_leave(self, when: float, overdue: bool) -> Stop:
         location = self.mode.location

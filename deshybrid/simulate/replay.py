@@ -57,7 +57,12 @@ class ObserverLike(Protocol[S]):
         """Return what the observer remembers before the first sample."""
 
     def step(
-        self, state: S, input: Sequence[float], output: Sequence[float], event: str | None
+        self,
+        state: S,
+        input: Sequence[float],
+        output: Sequence[float],
+        event: str | None,
+        command: Sequence[str | None] = (),
     ) -> tuple[S, EstimateLike]:
         """Return what the observer remembers after one sample, and its estimate."""
 
@@ -102,15 +107,16 @@ def replay(observer: ObserverLike[S], trace: Trace) -> EstimateTrace:
     >>> says = SimpleNamespace(
     ...     location="b", entry_estimate=("a", "b"), identified=True, signature=None, status="identified", state=()
     ... )
-    >>> observer = SimpleNamespace(start=lambda: 0, step=lambda state, u, y, event: (state + 1, says))
+    >>> observer = SimpleNamespace(start=lambda: 0, step=lambda state, u, y, event, command: (state + 1, says))
     >>> replay(observer, Trace(toy, [0.0], np.zeros((1, 0)), np.zeros((1, 0)))).location
     ('b',)
     """
     state = observer.start()
     estimates: list[EstimateLike] = []
     outputs = _held_where_optional(trace).tolist()
-    for row_input, row_output, event in zip(trace.inputs.tolist(), outputs, trace.events, strict=True):
-        state, estimate = observer.step(state, tuple(row_input), tuple(row_output), event)
+    rows = zip(trace.inputs.tolist(), outputs, trace.events, trace.commands, strict=True)
+    for row_input, row_output, event, command in rows:
+        state, estimate = observer.step(state, tuple(row_input), tuple(row_output), event, command)
         estimates.append(estimate)
     names = trace.system.state_names
     states = np.array([tuple(estimate.state) for estimate in estimates], dtype=np.float64)

@@ -1,8 +1,8 @@
 """Traces: what a hybrid system showed, sample by sample, and, where it is known, what was true.
 
-In: a CSV text with the header `time`, the model's inputs and outputs, optionally `event`, `true_location` and
-`true_<state>`.  Out: a `Trace`, or every mistake of the file with line and column.  A purely discrete model has `time`
-and `event` only, at any increasing times.
+In: a CSV text with the header `time`, the model's inputs, outputs and commands, optionally `event`, `true_location` and
+`true_<state>`.  Out: a `Trace`, or every mistake of the file with line and column.  A purely discrete model has `time`,
+commands and `event` only, at any increasing times.
 
 Measured logs jitter and their clocks drift.  A row counts as equally spaced when it follows the row before by 0.2 to
 1.8 steps (each of the two within 40 % of a step of its place), and when the rows come, on average, within 1 % of the
@@ -36,7 +36,8 @@ class Trace:
 
     time (N,) in s; inputs (N, m) and outputs (N, p) in the order of the model's channels, NaN where an output was not
     measured; `events`: the discrete output seen since the previous row or None; `true_location` and `true_state` (N, n)
-    are the truth where it is known, None or NaN where not.  ValueError where the lengths do not fit together.
+    are the truth where it is known, None or NaN where not; `commands`: in each row the value of each command, None
+    where it is unknown.  ValueError where the lengths do not fit together.
 
     >>> from deshybrid.model.system import HybridSystem, Location
     >>> Trace(HybridSystem("toy", (Location("a"),), (), ("a",)), [0.0, 1.0], np.zeros((2, 0)), np.zeros((2, 0)))
@@ -50,6 +51,7 @@ class Trace:
     events: tuple[str | None, ...] = ()
     true_location: tuple[str | None, ...] | None = None
     true_state: FloatArray | None = None
+    commands: tuple[tuple[str | None, ...], ...] = ()
 
     def __post_init__(self) -> None:
         rows = len(self.time)
@@ -60,9 +62,14 @@ class Trace:
         for name, shape in widths.items():
             object.__setattr__(self, name, _frozen(getattr(self, name), shape, name))
         object.__setattr__(self, "events", tuple(self.events) or (None,) * rows)
-        named = (self.events, self.events if self.true_location is None else self.true_location)
+        unknown = (None,) * len(self.system.commands)
+        object.__setattr__(self, "commands", tuple(self.commands) or (unknown,) * rows)
+        if any(len(values) != len(unknown) for values in self.commands):
+            raise ValueError(f"`commands` needs {len(unknown)} values in each row")
+        named = (self.commands, self.events, self.events if self.true_location is None else self.true_location)
         if any(len(column) != rows for column in named):
-            raise ValueError(f"`events` and `true_location` need one entry for each of the {rows} rows")
+            text = "`commands`, `events` and `true_location` need one entry for each of"
+            raise ValueError(f"{text} the {rows} rows")
 
     def __len__(self) -> int:
         return len(self.time)
@@ -79,6 +86,8 @@ class Trace:
         table: dict[str, FloatArray | tuple[str | None, ...]] = {"time": self.time}
         table |= zip(system.input_names, self.inputs.T, strict=True)
         table |= zip(system.output_names, self.outputs.T, strict=True)
+        for place, name in enumerate(system.command_names):
+            table[name] = tuple(row[place] for row in self.commands)
         table["event"] = self.events
         if self.true_location is not None:
             table["true_location"] = self.true_location
@@ -96,7 +105,7 @@ def read_trace(path: str | Path, system: HybridSystem, *, step: float | None = N
     """Return the trace in a CSV file, or on standard input for "-".
 
     `step` (s) is the observer's; by default the model's `observer.step` or `time.step`.  Raises `TraceError` with the
-    codes DH0310 to DH0324, all mistakes together where the file can be read at all.
+    codes DH0310 to DH0325, all mistakes together where the file can be read at all.
     """
     name, data = read_bytes(path)
     return parse_trace(decode(name, data), system, step=step, name=name)
@@ -135,8 +144,8 @@ def write_trace(trace: Trace) -> str:
     """
     system, truth = trace.system, trace.true_state
     numbers = np.hstack([trace.time[:, None], trace.inputs, trace.outputs])
-    header = ["time", *system.input_names, *system.output_names, "event"]
-    texts: list[tuple[str | None, ...]] = [trace.events]
+    header = ["time", *system.input_names, *system.output_names, *system.command_names, "event"]
+    texts: list[tuple[str | None, ...]] = [*zip(*trace.commands, strict=True), trace.events]
     if trace.true_location is not None:
         header.append("true_location")
         texts.append(trace.true_location)
@@ -179,7 +188,7 @@ def _frozen(values: ArrayLike, shape: tuple[int, ...], name: str) -> FloatArray:
 
 def _columns(table: Table, system: HybridSystem) -> dict[str, int]:
     """Place of each column by name; all mistakes of the header at once."""
-    needed = ["time", *system.input_names, *system.output_names]
+    needed = ["time", *system.input_names, *system.output_names, *system.command_names]
     allowed = [*needed, "event", "true_location", *(f"true_{name}" for name in system.state_names)]
     mistakes: list[Diagnostic] = []
     places: dict[str, int] = {}
@@ -238,15 +247,17 @@ def _width_mistakes(table: Table) -> list[Diagnostic]:
 def _field_mistakes(
     table: Table, columns: Mapping[str, int], rows: Sequence[Row], system: HybridSystem
 ) -> list[Diagnostic]:
-    """Fields that hold no number where one is needed, and true locations that the model does not have."""
+    """Fields that hold no number where one is needed, and words that the model does not have."""
     may_be_empty = {*system.output_names, *(f"true_{name}" for name in system.state_names)}
-    locations = [location.name for location in system.locations]
-    known = {"", *locations}
+    words = {"true_location": ("true location", [location.name for location in system.locations])}
+    words |= {command.name: (f"value of command `{command.name}`", [*command.values]) for command in system.commands}
     mistakes: list[Diagnostic] = []
     for name, place in columns.items():
         found: Iterator[Diagnostic]
-        if name == "true_location":
-            found = (_unknown_location(table, row, place, locations) for row in rows if row.fields[place] not in known)
+        if name in words:
+            what, known = words[name]
+            wrong = (row for row in rows if row.fields[place] not in {"", *known})
+            found = (_unknown_word(table, row, place, what, known) for row in wrong)
         elif name == "event":
             continue
         else:
@@ -269,10 +280,13 @@ def _number_mistake(table: Table, row: Row, place: int, name: str) -> Diagnostic
     return number_mistake(row.fields[place], f"the field of `{name}`", table.span(row, place))
 
 
-def _unknown_location(table: Table, row: Row, place: int, locations: Sequence[str]) -> Diagnostic:
-    word = row.fields[place]
-    helps = (*_suggestion(word, locations), f"the locations of this model are {_listing(locations)}")
-    return diagnostic("DH0323", f"unknown true location `{word[:80]}`", table.span(row, place), helps=helps)
+def _unknown_word(table: Table, row: Row, place: int, what: str, known: Sequence[str]) -> Diagnostic:
+    word, code = row.fields[place], "DH0323" if what == "true location" else "DH0325"
+    listing = (
+        f"the locations of this model are {_listing(known)}" if code == "DH0323" else f"it may be {_listing(known)}"
+    )
+    message = f"unknown {what} `{word[:80]}`" if code == "DH0323" else f"unknown {what}: `{word[:80]}`"
+    return diagnostic(code, message, table.span(row, place), helps=(*_suggestion(word, known), listing))
 
 
 def _assemble(columns: Mapping[str, int], rows: Sequence[Row], system: HybridSystem) -> Trace:
@@ -286,6 +300,7 @@ def _assemble(columns: Mapping[str, int], rows: Sequence[Row], system: HybridSys
         return None if place is None else tuple(row.fields[place] or None for row in rows)
 
     truth = [f"true_{name}" for name in system.state_names]
+    commands = [words(name) or () for name in system.command_names]
     return Trace(
         system,
         numbers(["time"])[:, 0],
@@ -294,6 +309,7 @@ def _assemble(columns: Mapping[str, int], rows: Sequence[Row], system: HybridSys
         words("event") or (),
         words("true_location"),
         numbers(truth) if any(name in columns for name in truth) else None,
+        tuple(zip(*commands, strict=True)),
     )
 
 

@@ -35,7 +35,7 @@ _DRIVER = """\
 int main(int argc, char **argv)
 {
     PREFIX_state_t state;
-    PREFIX_input_t input = {{0}, {0}, 0};
+    PREFIX_input_t input;
     PREFIX_output_t output;
     FILE *in = argc > 2 ? fopen(argv[1], "rb") : NULL;
     FILE *out = argc > 2 ? fopen(argv[2], "wb") : NULL;
@@ -50,6 +50,11 @@ int main(int argc, char **argv)
             return 3;
         }
         input.event = head[0];
+#ifdef UPPER_N_COMMANDS
+        if (fread(input.command, sizeof input.command[0], UPPER_N_COMMANDS, in) != UPPER_N_COMMANDS) {
+            return 3;
+        }
+#endif
         if (head[1]) {
             PREFIX_reset(&state);
         }
@@ -70,17 +75,19 @@ int main(int argc, char **argv)
 _PYTHON_DRIVER = """\
 import struct, sys
 sys.path.insert(0, ".")
-from {prefix} import LOCATIONS, TABLES, start, step
+from {prefix} import COMMANDS, LOCATIONS, TABLES, start, step
 inputs, outputs = {inputs}, {outputs}
-size = struct.calcsize("=2i%dd" % (inputs + outputs))
+layout = "=2i%dd%di" % (inputs + outputs, len(COMMANDS))
+size = struct.calcsize(layout)
 data = open(sys.argv[1], "rb").read()
 state = start(TABLES)
 with open(sys.argv[2], "wb") as out:
     for at in range(0, len(data), size):
-        event, reset, *numbers = struct.unpack_from("=2i%dd" % (inputs + outputs), data, at)
+        event, reset, *numbers = struct.unpack_from(layout, data, at)
         if reset:
             state = start(TABLES)
-        state, estimate = step(TABLES, state, tuple(numbers[:inputs]), tuple(numbers[inputs:]), event)
+        state, estimate = step(TABLES, state, tuple(numbers[:inputs]), tuple(numbers[inputs:inputs + outputs]), event,
+                               command=tuple(numbers[inputs + outputs:]))
         location, tracker, signature, status, x = estimate
         out.write(struct.pack("=4i", location, signature, status, location >= 0))
         entered = set(TABLES["tracker"].entry_estimate(tracker))
@@ -143,6 +150,7 @@ def sample_bytes(vectors: Sequence[Vector], real: str) -> bytes:
     return b"".join(
         struct.pack("=2i", v.event, v.reset)
         + struct.pack(f"={len(v.input) + len(v.output)}{letter}", *v.input, *v.output)
+        + struct.pack(f"={len(v.command)}i", *v.command)
         for v in vectors
     )
 

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 
 from deshybrid.linear.arrays import FloatArray
+from deshybrid.model.abstraction import discrete_model
+from deshybrid.observer.hybrid import command_needs
 from deshybrid.observer.tables import Candidate, FlowTables, GeneratorTables, StepTables, TrackerState
 from deshybrid.observer.tracker import choose_tracker
 from tests.strategies import random_plan
@@ -34,13 +36,22 @@ def random_tables(seed: int) -> StepTables:
     )
 
 
-def tables_of_plan(seed: int, *, as_events: bool, max_states: int, locations: int = 5) -> StepTables:
+def tables_of_plan(
+    seed: int, *, as_events: bool, max_states: int, locations: int = 5, commands: bool = False
+) -> StepTables:
     """Return random numbers around the tracker of a random plan: a table up to `max_states`, else on line."""
     draw = random.Random(seed)
-    plan = random_plan(draw, negations=True, locations=locations)
+    plan = random_plan(draw, negations=True, locations=locations, commands=commands)
     des = plan.des
     guaranteed = frozenset(name for name in des.locations if draw.random() < 0.5)
-    made = choose_tracker(plan, signatures_are_events=as_events, guaranteed=guaranteed, max_states=max_states)
+    system = discrete_model(des)
+    made = choose_tracker(
+        plan,
+        signatures_are_events=as_events,
+        guaranteed=guaranteed,
+        needs=command_needs(system),
+        max_states=max_states,
+    )
     sizes = (0, 0, 0) if as_events else (1 + draw.randrange(3), draw.randrange(3), 1 + draw.randrange(2))
     owners = () if as_events else tuple(des.locations.index(name) for name in plan.generators)
     numbers = _numbers(draw, sizes, len(des.locations), owners, 0 if as_events else draw.randrange(3))
@@ -53,6 +64,8 @@ def tables_of_plan(seed: int, *, as_events: bool, max_states: int, locations: in
         restart=made.restart,
         restart_on_event=made.restart_on_event,
         online=made.online,
+        commands=tuple((command.name, command.values) for command in system.commands),
+        command_slack=int(not as_events),
         **numbers,
     )
 

@@ -41,6 +41,14 @@ def events() -> StepTables:
     return tables
 
 
+def commands() -> StepTables:
+    """Moves that need commands, and signatures that are heard late."""
+    tables = tables_of_plan(SEED, as_events=False, max_states=0, locations=40, commands=True)
+    assert tables.online is not None
+    assert any(tables.online.conditional)
+    return tables
+
+
 def on_line(system: HybridSystem | Path, *, max_states: int = compiler.MAX_TABLE) -> StepTables:
     made = compiler.compile(system, max_states=max_states)
     assert made.observer is not None
@@ -75,6 +83,22 @@ def ring_with_chords() -> HybridSystem:
     return plant([*ring, *chords], [])
 
 
+VALVE = (
+    (MODELS / "two_tank.yaml")
+    .read_text()
+    .replace("transitions:", "commands: {valve: [shut, ajar, open]}\ntransitions:")
+    .replace("event: open,", "event: open, when: {valve: [ajar, open]},")
+    .replace("event: close,", "event: close, when: {valve: shut},")
+)
+LAMP = """
+{format: deshybrid/1, name: lamp, commands: {power: [on, off], "colour/hue": [red, blue, red blue]},
+ locations: [dark, red, blue], transitions: [
+  {from: dark, to: red, event: press, emits: click, when: {power: on, colour/hue: red}},
+  {from: dark, to: blue, event: press, emits: click, when: {power: on, colour/hue: [blue, red blue]}},
+  {from: red, to: dark, event: release, emits: [click, clack]}, {from: blue, to: dark, event: release, emits: click}]}
+"""
+
+
 CASES: dict[str, Callable[[], StepTables]] = {
     "2^40 observer states": lambda: on_line(discrete_model(observable_from_the_end(40))),
     "1,000 random locations": lambda: on_line(discrete_model(observable_sparse(1000, silent=0.05))),
@@ -83,6 +107,8 @@ CASES: dict[str, Callable[[], StepTables]] = {
     "driveline": lambda: on_line(MODELS / "balluchi2012" / "driveline.yaml", max_states=1),
     "Figure 3": lambda: on_line(MODELS / "balluchi2012" / "fig3.yaml", max_states=1),
     "two tanks": lambda: on_line(MODELS / "two_tank.yaml", max_states=1),
+    "two tanks with a known valve": lambda: on_line(loads(VALVE)),
+    "a lamp with two commands": lambda: on_line(loads(LAMP)),
     "late signatures": late,
     "signatures as events": events,
 }
@@ -102,7 +128,14 @@ def test_c_python_and_reference_agree_bit_for_bit_on_line_for_random_plans(seed:
 
 
 @needs_compiler
-@pytest.mark.parametrize("tables", [late, events])
+@pytest.mark.parametrize("seed", range(8))
+def test_c_python_and_reference_agree_bit_for_bit_where_commands_are_known(seed: int, tmp_path: Path) -> None:
+    tables = tables_of_plan(seed, as_events=seed % 4 == 3, max_states=1000, commands=True)
+    harness.assert_lockstep(tmp_path, tables, count=2000)
+
+
+@needs_compiler
+@pytest.mark.parametrize("tables", [late, events, commands])
 @pytest.mark.parametrize("standard", harness.STANDARDS)
 def test_self_test_passes_in_every_standard_under_sanitizers(
     standard: str, tables: Callable[[], StepTables], tmp_path: Path
@@ -127,7 +160,7 @@ def test_c_equals_the_reference_on_line_in_single_precision_too(real: str, tmp_p
 
 
 @needs_compiler
-@pytest.mark.parametrize("tables", [late, events])
+@pytest.mark.parametrize("tables", [late, events, commands])
 def test_header_states_the_bytes_that_the_compiler_uses_on_line(
     tables: Callable[[], StepTables], tmp_path: Path
 ) -> None:

@@ -64,7 +64,8 @@ def emits(des: DES, candidate: Candidate, arcs: list[int], way: str, generators:
         return candidate.residual and candidate.location in generators
     for arc in arcs:
         source = des.transitions[arc].source
-        alternatives = {source} | {t.target for t in des.transitions if t.source == source}
+        others = (t for t in des.transitions if t.source == source and t.coincides(des.transitions[arc]))
+        alternatives = {source} | {t.target for t in others}
         if source == candidate.location or not alternatives - {candidate.location} <= generators:
             return False
     return candidate.negation

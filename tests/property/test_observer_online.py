@@ -8,7 +8,9 @@ from hypothesis import strategies as st
 
 from deshybrid.des.signatures import SignaturePlan
 from deshybrid.emit.vectors import record_vectors
-from deshybrid.observer.online import NONE, RESTART, OnlineTracker
+from deshybrid.model.abstraction import discrete_model
+from deshybrid.observer.hybrid import command_needs
+from deshybrid.observer.online import ANY, NONE, RESTART, OnlineTracker
 from deshybrid.observer.tracker import choose_tracker
 from tests.lockstep.random_tables import tables_of_plan
 from tests.naive_tracker import NaiveTracker, State, event_names
@@ -18,11 +20,20 @@ from tests.strategies import random_plan
 class Both:
     """The on-line tracker and the naive one, side by side, in the same state."""
 
-    def __init__(self, rng: random.Random, *, as_events: bool) -> None:
-        self.plan: SignaturePlan = random_plan(rng, negations=True)
+    def __init__(self, rng: random.Random, *, as_events: bool, commands: bool = False) -> None:
+        self.plan: SignaturePlan = random_plan(rng, negations=True, commands=commands)
         guaranteed = frozenset(name for name in self.plan.des.locations if rng.random() < 0.5)
         self.naive = NaiveTracker(self.plan, as_events=as_events, guaranteed=guaranteed)
-        made = choose_tracker(self.plan, signatures_are_events=as_events, guaranteed=guaranteed, max_states=0)
+        system = discrete_model(self.plan.des)
+        self.values = tuple(value for command in system.commands for value in command.values)
+        self.allowed = ANY
+        made = choose_tracker(
+            self.plan,
+            signatures_are_events=as_events,
+            guaranteed=guaranteed,
+            needs=command_needs(system),
+            max_states=0,
+        )
         self.events, self.signatures = made.event_names, made.signature_names
         assert made.online is not None
         self.online: OnlineTracker = made.online
@@ -41,6 +52,11 @@ class Both:
         }
         return frozenset(settled | waiting)
 
+    def allow(self, rng: random.Random) -> None:
+        """Choose which commands may have been on."""
+        self.allowed = rng.randrange(1, 1 << len(self.values))
+        self.naive.allowed = frozenset(value for bit, value in enumerate(self.values) if self.allowed >> bit & 1)
+
     def compare(self) -> None:
         """Everything that the step may ask of a state."""
         assert self.named(self.mask) == self.state
@@ -54,24 +70,25 @@ class Both:
         names = self.plan.generators
         heard = [
             (self.signatures[s], names[own] if own >= 0 else None, frozenset(names[g] for g in quiet), self.named(to))
-            for s, own, quiet, to in self.online.candidates(self.mask)
+            for s, own, quiet, to in self.online.candidates(self.mask, self.allowed)
         ]
         assert heard == [(c.signature, c.active, c.quiet, c.target) for c in self.naive.candidates(self.state)]
 
     def event(self, number: int) -> bool:
         """Move by an event; where nothing explains it, begin again from what it allows."""
         name = self.events[number]
-        target, expected = self.online.after_event(self.mask, number), self.naive.after_event(self.state, name)
+        target = self.online.after_event(self.mask, number, self.allowed)
+        expected = self.naive.after_event(self.state, name)
         assert (target < 0) == (not expected)
         self.mask, self.state = target, expected
         if target < 0:
-            self.mask = self.online.restart_on(number)
+            self.mask = self.online.restart_on(number, self.allowed)
             self.state = self.naive.after_event(self.naive.everything(), name) or self.naive.everything()
         return target >= 0
 
     def other(self, rng: random.Random) -> None:
         """Move by a signature that is listened for, or by silence."""
-        heard = zip(self.online.candidates(self.mask), self.naive.candidates(self.state), strict=True)
+        heard = zip(self.online.candidates(self.mask, self.allowed), self.naive.candidates(self.state), strict=True)
         moves = [(target, candidate.target) for (_, _, _, target), candidate in heard]
         timeout, silence = self.online.timeout(self.mask), self.naive.after_silence(self.state)
         if timeout >= 0 and not isinstance(silence, str):

@@ -33,7 +33,7 @@ class Recorder:
     def start(self):
         return 0.0
 
-    def step(self, state, input, output, event):
+    def step(self, state, input, output, event, command=()):
         self.shown.append((input, output, event))
         state = state + input[0]
         known = event is not None
