@@ -5,10 +5,12 @@ In: a `StochasticSystem`, a `Demand`, the step in s.  Out: values with their tex
 """
 
 from dataclasses import asdict, dataclass
-from math import isfinite
+from math import isfinite, log
 
+from deshybrid.continuous.conic import has_solver
 from deshybrid.diagnostics import Diagnostic, diagnostic
 from deshybrid.stochastic.boundedness import Boundedness, boundedness
+from deshybrid.stochastic.constant_gains import ConstantGains, certify_constant_gains
 from deshybrid.stochastic.sojourn import Demand, ModeTerms, SojournBound, sojourn_bound
 from deshybrid.stochastic.steady_state import SteadyState, steady_state
 from deshybrid.stochastic.system import StochasticSystem
@@ -16,14 +18,16 @@ from deshybrid.stochastic.system import StochasticSystem
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Convergence:
-    """`bounds` for the predictor and the filter gain, empty where a mode has no steady-state filter; `boundedness` for
-    dwell times of 1, 2, ... rows up to the first that is enough; `step` in s.
+    """`bounds` for the predictor and the filter gain, empty where a mode has no steady-state filter; `inequalities`,
+    the certificate without delay, where every error shrinks by the factor and a solver is there (extra `lmi`), else
+    None; `boundedness` for dwell times of 1, 2, ... rows up to the first that is enough; `step` in s.
     """
 
     step: float
     demand: Demand
     states: tuple[SteadyState, ...]
     bounds: tuple[SojournBound, ...]
+    inequalities: ConstantGains | None
     boundedness: tuple[Boundedness, ...]
 
     @property
@@ -56,6 +60,7 @@ class Convergence:
                 "state_bound": None if demand.state is None else demand.state.tolist(),
             },
             "rows_between_switches": [_bound_record(bound, self.step) for bound in self.bounds],
+            "inequalities": None if self.inequalities is None else _inequalities_record(self.inequalities, self.step),
             "boundedness": [asdict(found) | {"cycle": list(found.cycle)} for found in self.boundedness],
         }
 
@@ -68,6 +73,10 @@ class Convergence:
         if self.bounds:
             lines.append(f"rows between switches, for a factor of {self.demand.factor:g} a row{_delayed(self.demand)}:")
         lines += [f"  {bound.gain} gain: {_bound_text(bound, self.step)}" for bound in self.bounds]
+        if self.inequalities is not None:
+            rows = self.inequalities.required_steps
+            held = "none" if rows is None else f"{rows} ({rows * self.step:g} s)"
+            lines.append(f"  predictor gain, by matrix inequalities, without delay: {held}")
         return "\n".join([*lines, *(_boundedness_text(found) for found in self.boundedness)])
 
 
@@ -80,6 +89,7 @@ def convergence(system: StochasticSystem, demand: Demand, step: float) -> Conver
     rows between switches, for a factor of 0.99 a row:
       predictor gain: 1 (1 s) by κ, 1 by powers; 1 as printed
       filter gain: 1 (1 s) by κ, 1 by powers; 1 as printed
+      predictor gain, by matrix inequalities, without delay: 1 (1 s)
     covariance of the switching filter: bounded, 1 rows show the state
     """
     states = tuple(steady_state(mode) for mode in system.modes)
@@ -92,7 +102,10 @@ def convergence(system: StochasticSystem, demand: Demand, step: float) -> Conver
         tried.append(boundedness(system, dwell))
         if tried[-1].bounded is not False:
             break
-    return Convergence(step, demand, states, bounds, tuple(tried))
+    inequalities = None
+    if bounds and has_solver() and all(found.radius < demand.factor for found in filters):
+        inequalities = certify_constant_gains(system, step=step, rate=-log(demand.factor) / step)
+    return Convergence(step, demand, states, bounds, inequalities, tuple(tried))
 
 
 def _why_not(demand: Demand, bound: SojournBound) -> str:
@@ -148,6 +161,17 @@ def _bound_record(bound: SojournBound, step: float) -> dict[str, object]:
         "by_powers": bound.by_powers,
         "as_printed": bound.as_printed,
         "modes": [_terms_record(terms) for terms in bound.modes],
+    }
+
+
+def _inequalities_record(found: ConstantGains, step: float) -> dict[str, object]:
+    rows, cycle = found.required_steps, found.certificate.limit.cycle
+    return {
+        "rows": rows,
+        "seconds": None if rows is None else rows * step,
+        "worst_cycle": None if cycle is None else list(cycle.locations),
+        "worst_stays": None if cycle is None else [round(stay / step) for stay in cycle.stays],
+        "diverges": found.diverges,
     }
 
 

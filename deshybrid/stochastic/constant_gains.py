@@ -27,6 +27,7 @@ from deshybrid.continuous.modes import decay_rate
 from deshybrid.diagnostics import GainError, diagnostic
 from deshybrid.linear.arrays import FloatArray, frozen_array
 from deshybrid.linear.observability import sorted_spectrum
+from deshybrid.stochastic.steady_state import steady_state
 from deshybrid.stochastic.system import Mode, StochasticSystem
 
 NEAR_ZERO = 1e-6
@@ -73,19 +74,11 @@ def constant_gain(mode: Mode) -> tuple[FloatArray, FloatArray]:
     >>> [gain.round(6).tolist() for gain in constant_gain(steady)]  # P = 2
     [[[0.732051]], [[0.732051]]]
     """
-    from scipy.linalg import LinAlgError, solve_discrete_are
-
-    try:
-        P = solve_discrete_are(mode.F.T, mode.H.T, mode.Q, mode.R)
-        filtering = np.linalg.solve(mode.H @ P @ mode.H.T + mode.R, mode.H @ P).T
-    except (LinAlgError, ValueError):
-        filtering = np.full(mode.H.T.shape, np.nan)
-    predicting = mode.F @ filtering
-    found = bool(np.isfinite(predicting).all())
-    if not found or decay_rate(sorted_spectrum(mode.F - predicting @ mode.H), 1.0) >= 0:
-        why = "a mode that does not decay has to be measured, and to be driven by noise if it is on the unit circle"
-        raise GainError(diagnostic("DH0503", f"mode `{mode.name}` has no constant Kalman gain", notes=(why,)))
-    return frozen_array(predicting, predicting.shape), frozen_array(filtering, filtering.shape)
+    state = steady_state(mode)
+    if state.filter is None:
+        text = f"mode `{mode.name}` has no constant Kalman gain"
+        raise GainError(diagnostic("DH0503", text, notes=(state.reason,)))
+    return state.filter.predictor_gain, state.filter.filter_gain
 
 
 def certify_constant_gains(

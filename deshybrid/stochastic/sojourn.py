@@ -69,9 +69,9 @@ class Demand:
 class ModeTerms:
     """One mode's terms, in steps; infinite where no stay is long enough.
 
-    radius α and condition κ of E; mismatch U; contraction: ln κ / ln(μ/α); settling: ln(1 - b/M0) / ln μ; `_printed`:
-    U by column sums, ln κ / |ln α|, and the first term with that U; direct: the least L of the powers of E, with what
-    the delay then asks.
+    radius α and condition κ of E; mismatch U, 0 without delay; contraction: ln κ / ln(μ/α); settling:
+    ln(1 - b/M0) / ln μ; direct: the least L of the powers of E, with what the delay then asks; `_printed`: U by column
+    sums, ln κ / |ln α|, and the first term with that U.
     """
 
     mode: str
@@ -132,7 +132,7 @@ def _terms(own: SteadyFilter, filters: Sequence[SteadyFilter], gain: GainKind, d
     n = len(E)
     basis = modal_basis(E, np.ones(n), step=1.0, improve=False)
     alpha, kappa = exp(basis.alpha), basis.kappa
-    others = [other.mode for other in filters if other is not own]
+    others = [other.mode for other in filters if other is not own and demand.delay]
     U = max((_mismatch(own, other, gain, demand) for other in others), default=0.0)
     U_printed = max((_printed_mismatch(own, other, gain, demand) for other in others), default=0.0)
     steps, sizes = _powers(E, demand)

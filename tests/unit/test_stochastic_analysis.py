@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deshybrid.analysis.whole import analyse
-from deshybrid.model.load import load
+from deshybrid.analysis.whole import Question, analyse
+from deshybrid.diagnostics import UsageError
+from deshybrid.model.load import load, loads
 from deshybrid.stochastic.from_model import stochastic_system
 from deshybrid.stochastic.observability import literal_verdict
 from deshybrid.stochastic.outputs import staying
 from deshybrid.stochastic.separation import separation
+from deshybrid.stochastic.sojourn import Demand, sojourn_bound
+from deshybrid.stochastic.steady_state import steady_state
 from deshybrid.stochastic.system import Mode, ModeTransition, StochasticSystem
 from deshybrid.stochastic.telling_apart import Window
 
@@ -143,3 +146,79 @@ def test_analyse_refuses_what_it_cannot_analyse_with_exit_code_2(words, code):
     done = run("analyse", MODELS / words[0], *words[1:])
     assert done.returncode == 2
     assert code in done.stderr
+
+
+def test_eight_seconds_are_reproduced_for_noises_between_the_stated_ratios_and_one_row_by_matrix_inequalities():
+    """Section 4: "at least 8 seconds" at a factor of 0.99, T = 2 s.  The noise is not printed."""
+    turns = system_of("hwang2003/two_turns.yaml")
+    edges = {"by_condition": (0.066, 0.187), "as_printed": (0.062, 0.176)}  # the least and the largest ratio of 8 s
+    for key, ratio, rows in (
+        (key, ratio, rows)
+        for key, (least, largest) in edges.items()
+        for ratio, rows in ((least - 0.002, 5), (least, 4), (largest, 4), (largest + 0.002, 3))
+    ):
+        modes = [Mode(mode.name, F=mode.F, H=mode.H, Q=ratio * np.eye(4), R=np.eye(2)) for mode in turns.modes]
+        filters = [steady_state(mode).filter for mode in modes]
+        assert getattr(sojourn_bound(filters, "predictor", Demand(0.99)), key) == rows
+    certified = analyse(MODELS / "hwang2003/two_turns.yaml").convergence
+    assert certified.inequalities.required_steps == 1
+
+
+def test_modes_with_different_outputs_are_analysed_as_known_modes():
+    made = analyse(MODELS / "boker/constant_gains.yaml")
+    assert made.observability is None
+    assert made.record()["observability"] is None
+    assert made.convergence.inequalities.diverges
+    assert "the mode is taken as known" in str(made)
+
+
+def test_a_delay_where_modes_measure_different_outputs_is_refused():
+    with pytest.raises(UsageError) as caught:
+        analyse(MODELS / "boker/constant_gains.yaml", Question(delay=1))
+    assert caught.value.diagnostics[0].code == "DH1103"
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("hwang2003/scalar.yaml",), "DH1206"),
+        (("hwang2003/two_turns.yaml", "--delay", "1", "--error-bound", "50"), "DH1207"),
+        (("hwang2003/two_turns.yaml", "--factor", "0.5"), "DH1207"),
+    ],
+)
+def test_analyse_exits_1_where_no_filter_exists_or_no_stay_is_long_enough(words, code):
+    done = run("analyse", MODELS / words[0], "--window", "40", *words[1:])
+    assert done.returncode == 1
+    assert code in done.stderr
+
+
+def test_analyse_says_why_no_stay_is_long_enough():
+    wrong = Question(Window(rows=5), delay=1, error_bound=1.0, state_bound=100.0)
+    for question, why in ((Question(Window(rows=5), delay=1), "of which no bound is stated"), (wrong, "add up to")):
+        found = [m for m in analyse(MODELS / "hwang2003/two_turns.yaml", question).diagnostics if m.code == "DH1207"]
+        assert why in found[0].notes[0]
+
+
+def test_an_unbounded_covariance_is_a_no_with_the_cycle_that_hides_a_growing_part():
+    model = """
+format: deshybrid/1
+name: hidden
+time: {step: 1}
+state: [a, b]
+output: [y]
+defaults: {A: [[0.5, 0], [0, 1.1]]}
+locations: {one: {C: [[1, 0]]}, two: {C: [[2, 0]]}}
+transition_probability: {one: {one: 0.9, two: 0.1}, two: {one: 0.1, two: 0.9}}
+noise: {process: [[1, 0], [0, 1]], measurement: [[1]]}
+prior: {mean: [0, 0], covariance: [[1, 0], [0, 1]]}
+"""
+    found = analyse(loads(model), Question(Window(rows=5))).diagnostics
+    assert {"DH1206", "DH1208"} <= {message.code for message in found}
+
+
+def test_the_bounds_of_the_model_are_those_of_its_states():
+    text = (MODELS / "hwang2003/two_turns.yaml").read_text()
+    bounded = loads(text + "bounds: {state: {x1: 1000, v1: 100, x2: 1000, v2: 100}}\n")
+    made = analyse(bounded, Question(Window(rows=5), delay=1, error_bound=100.0))
+    assert made.record()["convergence"]["demand"]["state_bound"] == [1000.0, 100.0, 1000.0, 100.0]
+    assert made.convergence.bounds[1].by_powers is not None
