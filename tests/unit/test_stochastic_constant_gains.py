@@ -87,8 +87,8 @@ def test_constant_gains_are_the_limit_of_the_recursion(sensors: StochasticSystem
             P = switching.predict(sensors, sensors.x, made.P, np.array(number))[1]
         predictor, filtering = constant_gain(mode)
         column = list(mode.output_index)
-        np.testing.assert_allclose(made.K[:, column], filtering, rtol=1e-8)
-        np.testing.assert_allclose(mode.F @ made.K[:, column], predictor, rtol=1e-8)
+        np.testing.assert_allclose(made.gain[:, column], filtering, rtol=1e-8)
+        np.testing.assert_allclose(mode.F @ made.gain[:, column], predictor, rtol=1e-8)
 
 
 def test_a_mode_that_nobody_measures_and_that_grows_has_no_constant_gain() -> None:
