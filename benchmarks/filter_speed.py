@@ -39,6 +39,8 @@ def main() -> None:
     system, flights = system_of("maneuver"), flown(30.0, seed=5)
     trials, rows = flights.z.shape[:2]
     made = estimate(system, flights.z)
+    compiled = estimate(system, flights.z, engine="numba")  # compiles, which is not timed
+    np.testing.assert_allclose(compiled.x, made.x, rtol=1e-9, atol=1e-9 * np.abs(made.x).max())
     for trial in range(OTHERS):
         mu, x, P = filterpy_imm(system, flights.z[trial])
         for ours, theirs in ((made.mu, mu), (made.x, x), (made.P, P)):
@@ -47,6 +49,8 @@ def main() -> None:
         "FilterPy": (OTHERS, lambda: [filterpy_imm(system, z) for z in flights.z[:OTHERS]]),
         "NumPy, one trial, row by row": (1, lambda: one_at_a_time(system, flights.z[0])),
         "NumPy, 100 trials": (trials, lambda: estimate(system, flights.z)),
+        "numba, 100 trials": (trials, lambda: estimate(system, flights.z, engine="numba")),
+        "numba, one trial": (1, lambda: estimate(system, flights.z[0], engine="numba")),
     }
     found: dict[str, list[float]] = {name: [] for name in works}
     for _ in range(ROUNDS):

@@ -25,17 +25,25 @@ def trials_last(array: FloatArray, core: int) -> FloatArray:
     >>> trials_last(np.zeros((100, 2, 3)), 2).strides
     (8, 2400, 800)
     """
-    return _in_front(np.ascontiguousarray(_behind(array, core)), core)
+    return in_front(np.ascontiguousarray(behind(array, core)), core)
 
 
-def _behind(array: FloatArray, core: int) -> FloatArray:
-    """A view with the axes before the last `core` ones moved behind them."""
+def behind(array: FloatArray, core: int) -> FloatArray:
+    """Return a view with the axes before the last `core` ones moved behind them.
+
+    >>> behind(np.zeros((100, 2, 3)), 2).shape
+    (2, 3, 100)
+    """
     lead = array.ndim - core
     return array.transpose((*range(lead, array.ndim), *range(lead)))
 
 
-def _in_front(array: FloatArray, core: int) -> FloatArray:
-    """The inverse of `_behind`."""
+def in_front(array: FloatArray, core: int) -> FloatArray:
+    """Return the inverse of `behind`.
+
+    >>> in_front(np.zeros((2, 3, 100)), 2).shape
+    (100, 2, 3)
+    """
     return array.transpose((*range(core, array.ndim), *range(core)))
 
 
@@ -46,15 +54,15 @@ def product(A: FloatArray, B: FloatArray) -> FloatArray:
     (100, 2, 3)
     """
     if A.ndim < B.ndim:
-        columns = _behind(B, A.ndim)
+        columns = behind(B, A.ndim)
         flat = columns.reshape(*columns.shape[: A.ndim - 1], prod(columns.shape[A.ndim - 1 :]))
         made = A @ flat
-        return _in_front(made.reshape(*made.shape[:-1], *columns.shape[A.ndim - 1 :]), A.ndim)
+        return in_front(made.reshape(*made.shape[:-1], *columns.shape[A.ndim - 1 :]), A.ndim)
     if B.ndim < A.ndim:
-        rows = _behind(A, B.ndim)
+        rows = behind(A, B.ndim)
         flat = rows.reshape(*rows.shape[: B.ndim], prod(rows.shape[B.ndim :]))
         made = B.swapaxes(-1, -2)[..., None, :, :] @ flat
-        return _in_front(made.reshape(*made.shape[:-1], *rows.shape[B.ndim :]), B.ndim)
+        return in_front(made.reshape(*made.shape[:-1], *rows.shape[B.ndim :]), B.ndim)
     if A.shape[-1] == 0 or prod(B.shape[:-2]) <= _FEW:
         return A @ B
     total: FloatArray = A[..., :, 0, None] * B[..., 0, None, :]
@@ -130,4 +138,14 @@ def solve_upper(L: FloatArray, B: FloatArray) -> FloatArray:
     return X
 
 
-__all__ = ["cholesky", "product", "solve_lower", "solve_upper", "symmetric", "times", "trials_last"]
+__all__ = [
+    "behind",
+    "cholesky",
+    "in_front",
+    "product",
+    "solve_lower",
+    "solve_upper",
+    "symmetric",
+    "times",
+    "trials_last",
+]
