@@ -120,4 +120,15 @@ def sample_covariance(A: FloatArray, intensity: FloatArray, step: float) -> Floa
     return frozen_array(0.5 * (covariance + covariance.T), (n, n))
 
 
-__all__ = ["flow_and_integral", "sample_covariance", "sample_dynamics", "sample_gain"]
+def covariance_root(covariance: FloatArray) -> FloatArray:
+    """Return S with S Sᵀ = covariance (..., n, n), also where it is singular.
+
+    >>> covariance_root(np.array([[4.0, 0.0], [0.0, 0.0]])).tolist()
+    [[0.0, 2.0], [0.0, 0.0]]
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+    return root
+
+
+__all__ = ["covariance_root", "flow_and_integral", "sample_covariance", "sample_dynamics", "sample_gain"]

@@ -116,7 +116,8 @@ def _comparison(written: Field | None) -> RatioComparison | None:
 
 
 def _sensor(keys: Fields) -> MeasurementModel:
-    return MeasurementModel(keys.number("quantum") or 0.0, keys.number("delay") or 0.0, keys.number("noise") or 0.0)
+    names = ("lag", "delay", "period", "bias", "noise", "quantum")
+    return MeasurementModel(*(keys.number(name) or 0.0 for name in names))
 
 
 __all__ = ["build_simulation"]

@@ -18,6 +18,7 @@ Role: TypeAlias = Literal[
     "detector",
     "command",
     "value",
+    "channel",
 ]
 
 

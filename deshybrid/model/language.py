@@ -192,11 +192,14 @@ SIGNAL = ByForm(
     ),
 )
 SENSOR = Record(
-    "how a sensor distorts one output",
+    "how a sensor distorts one output or input, in this order",
     (
-        Key("quantum", _NOT_NEGATIVE, "rounding to multiples of this"),
+        Key("lag", _NOT_NEGATIVE, "time constant of its first-order lag, in seconds"),
         Key("delay", _NOT_NEGATIVE, "delay, in seconds"),
+        Key("period", _NOT_NEGATIVE, "it takes a value every so many seconds and holds it"),
+        Key("bias", Number(), "constant error"),
         Key("noise", _NOT_NEGATIVE, "standard deviation of white noise"),
+        Key("quantum", _NOT_NEGATIVE, "rounding to multiples of this"),
     ),
 )
 _PART = Number(at_least=0.0, at_most=1.0)
@@ -240,7 +243,7 @@ SIMULATION = Record(
         Key("input", MapOf("input", SIGNAL), "the inputs", needs_state=True),
         Key("unmeasured", MapOf("input", SIGNAL), "added to inputs, but not written to the trace", needs_state=True),
         Key("disturbance", MapOf("disturbance", SIGNAL), "the disturbances", needs_state=True),
-        Key("measurement", MapOf("output", SENSOR), "the sensors", needs_state=True),
+        Key("measurement", MapOf("channel", SENSOR), "the sensors, by output or input", needs_state=True),
         Key("variation", VARIATION, "how the drives of `campaign` differ"),
         Key("comparison", COMPARISON, "what `campaign` compares the observer with", needs_state=True),
     ),

@@ -46,11 +46,13 @@ def build_scope(source: SourceModel, problems: Problems) -> Scope:
     """Return the scope of a model; reports mistakes in `parameters` (DH0113, DH0117, DH0121 to DH0123)."""
     tree = source.tree
     bodies = _bodies(tree)
+    inputs, outputs = (_union(body.get(kind) for body in bodies) for kind in ("input", "output"))
     names: dict[Role, tuple[str, ...]] = {
         "location": _names(tree.get("locations")),
         "state": _names(tree.get("state")),
-        "input": _union(body.get("input") for body in bodies),
-        "output": _union(body.get("output") for body in bodies),
+        "input": inputs,
+        "output": outputs,
+        "channel": (*outputs, *inputs),
         "disturbance": _disturbances(tree, bodies),
         "event": _events(tree.get("transitions")),
         "command": _names(tree.get("commands")),

@@ -152,11 +152,18 @@ class ObserverOptions:
 
 @dataclass(frozen=True, slots=True)
 class MeasurementModel:
-    """How a sensor distorts one output: rounding to multiples of `quantum`, delay (s), white noise of a deviation."""
+    """How a sensor distorts one output or input, in the order in which it does.
 
-    quantum: float = 0.0
+    `lag`: time constant (s) of the first order; `delay` in s; `period`: it takes a value every so many s and holds it;
+    `bias`: a constant error; `noise`: deviation of white noise; `quantum`: rounding to multiples of it.  0 = not.
+    """
+
+    lag: float = 0.0
     delay: float = 0.0
+    period: float = 0.0
+    bias: float = 0.0
     noise: float = 0.0
+    quantum: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,8 @@ switches at their exact times, and the reason to stop early, if there is one.  T
 
 The signals, requests and sensors of the model's `simulation` drive the run.  What it does not mention is random: inputs
 and disturbances within their bounds (zero where unbounded), redrawn about every second; measurement noise within its
-bound; the initial state within the state bounds (zero where unbounded); the initial location among `initial`.
+bound; the initial state within the state bounds (zero where unbounded); the initial location among `initial`.  Noise
+that the model states as covariances is drawn where no bound is stated (`chance`).
 
 A purely discrete model has no grid: its trace has one row per transition and a first row at time 0.
 
@@ -24,7 +25,7 @@ from deshybrid.model.timing import sampling_step
 from deshybrid.simulate.commands import command_timeline
 from deshybrid.simulate.events import Agenda, Stop, Switch
 from deshybrid.simulate.plant import Drive, Plant
-from deshybrid.simulate.sensors import measure
+from deshybrid.simulate.sensors import measure, measure_inputs
 from deshybrid.simulate.signals import DISTURBANCE, INPUT, START, UNMEASURED, sample_channels, stream
 from deshybrid.simulate.trace import Trace
 
@@ -179,11 +180,12 @@ def _trace(plant: Plant, seed: int) -> Trace:
     rows = np.arange(0, plant.sampled, drive.substeps)
     seen = dict(plant.seen)
     names = [location.name for location in system.locations]
+    errors = plant.chance.errors(plant.places[rows])
     return Trace(
         system,
         row_times(len(rows), drive.step),
-        drive.shown[rows],
-        measure(system, plant.outputs(), substeps=drive.substeps, tick=drive.tick, seed=seed),
+        measure_inputs(system, drive.shown[: plant.sampled], substeps=drive.substeps, tick=drive.tick, seed=seed),
+        measure(system, plant.outputs(), errors, substeps=drive.substeps, tick=drive.tick, seed=seed),
         tuple(seen.get(row) for row in range(len(rows))),
         tuple(names[place] for place in plant.places[rows].tolist()),
         plant.states[rows],

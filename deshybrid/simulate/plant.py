@@ -22,6 +22,7 @@ import numpy as np
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.predicates import Predicate
 from deshybrid.model.system import HybridSystem, HybridTransition, Location
+from deshybrid.simulate.chance import Chance
 from deshybrid.simulate.commands import Timeline
 from deshybrid.simulate.events import Agenda, Stop, Switch
 from deshybrid.simulate.flow import Flow, build_flow, outputs_of
@@ -95,6 +96,7 @@ class Plant:
     def __init__(self, system: HybridSystem, drive: Drive, seed: int) -> None:
         self.system, self.drive = system, drive
         self.agenda = Agenda(system, seed)
+        self.chance = Chance(system, seed, drive.tick)
         with np.errstate(over="ignore", invalid="ignore"):
             self.modes = build_modes(system, drive.tick)
         self.states = np.zeros((len(drive.time), len(system.state_names)))
@@ -127,6 +129,14 @@ class Plant:
         return values
 
     def _begin(self, generator: np.random.Generator) -> None:
+        before = self.chance.start()
+        if before is not None:
+            name, self.x = before
+            self._enter(self.modes[self.chance.next_location(name)], 0.0)
+            for _ in range(self.drive.substeps):  # the step to the first row
+                self._advance(0, self.drive.tick)
+                self.x = self.chance.shake(self.mode.location.name, self.x)
+            return
         wishes = self.system.simulation
         names = self.system.initial
         name = wishes.location or names[int(generator.integers(len(names)))]
@@ -159,6 +169,8 @@ class Plant:
             if not sampled and not (decision.due and decision.until <= self._close):
                 self._sample(tick)
                 sampled = True
+                if self.chance.is_chain and tick % self.drive.substeps == 0 and not last:
+                    self._follow_chain(self._time(tick))
             if last:
                 return None
             if not self._advance(tick, decision.until - offset):
@@ -169,6 +181,7 @@ class Plant:
                 if stop is not None:
                     return stop
             elif offset >= self.drive.tick:
+                self.x = self.chance.shake(self.mode.location.name, self.x)
                 return None
 
     def _time(self, tick: int, offset: float = 0.0) -> float:
@@ -284,6 +297,14 @@ class Plant:
         self.agenda.meet(taken.event, now + self._close)
         self._enter(self.modes[taken.target], now)
         return self._zeno(now, taken) or self._show(output, now, tick, taken)
+
+    def _follow_chain(self, now: float) -> None:
+        """Enter the location that governs the step to the next row."""
+        source = self.mode.location.name
+        target = self.chance.next_location(source)
+        if target != source:
+            self.switches.append(Switch(now, "chain", source, target, None))
+            self._enter(self.modes[target], now)
 
     def _show(self, output: str | None, now: float, tick: int, taken: HybridTransition) -> Stop | None:
         """Put an output into its row of the trace, which has room for one."""

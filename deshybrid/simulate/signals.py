@@ -15,7 +15,7 @@ import numpy as np
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.system import SignalModel
 
-INPUT, UNMEASURED, DISTURBANCE, NOISE, EVENTS, START, COMMANDS = range(7)
+INPUT, UNMEASURED, DISTURBANCE, NOISE, EVENTS, START, COMMANDS, INPUT_NOISE, PROCESS, CHAIN, SAMPLES = range(11)
 _SLACK = 1e-9  # of a period or a second, by which a change may come early, so that rounding never delays it
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray
+from deshybrid.linear.sampling import covariance_root
 from deshybrid.stochastic.belief import read_only
 from deshybrid.stochastic.lanes import times
 from deshybrid.stochastic.switching import ModeNumbers
@@ -45,8 +46,8 @@ def sample(
     rng = np.random.default_rng(seed)
     bank = system.bank
     known = _drawn(system, rows, rng, trials) if modes is None else _given(system, rows, trials, modes)
-    roots = {key: _root(getattr(bank, key)) for key in "QR"}
-    x = system.x + times(_root(system.P), rng.standard_normal((*trials, len(system.x))))
+    roots = {key: covariance_root(getattr(bank, key)) for key in "QR"}
+    x = system.x + times(covariance_root(system.P), rng.standard_normal((*trials, len(system.x))))
     states, outputs = [], []
     for k in range(rows):
         mode = known[..., k]
@@ -56,13 +57,6 @@ def sample(
         states.append(x)
         outputs.append(np.where(bank.measured[mode], z, np.nan))
     return Runs(known, np.stack(states, axis=-2), np.stack(outputs, axis=-2))
-
-
-def _root(covariance: FloatArray) -> FloatArray:
-    """S with S Sᵀ = covariance, also where it is singular."""
-    values, vectors = np.linalg.eigh(covariance)
-    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
-    return root
 
 
 def _drawn(system: StochasticSystem, rows: int, rng: np.random.Generator, trials: tuple[int, ...]) -> ModeNumbers:

@@ -240,7 +240,8 @@ def test_simulation_is_read(everything: HybridSystem) -> None:
     assert drive.input["v"] == SignalModel(((0, 0), (1, 2)), False, 0.1, 50, 0.2, 0.5)
     assert drive.unmeasured["u"] == SignalModel((), True, 0.3, 2)
     assert drive.disturbance["w"] == SignalModel(random=0.1)
-    assert drive.measurement["y"] == MeasurementModel(0.5, 0.02, 0.1)
+    assert drive.measurement["y"] == MeasurementModel(quantum=0.5, delay=0.02, noise=0.1)
+    assert drive.measurement["u"] == MeasurementModel(lag=0.1, period=0.05, bias=-0.2)
 
 
 def test_prior_probabilities_that_are_not_written_are_zero(everything: HybridSystem) -> None:
