@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from deshybrid.des.signatures import SignaturePlan
     from deshybrid.detector.candidates import FeasibleCandidate
     from deshybrid.detector.detector import TransitionDetector
+    from deshybrid.detector.pairs import Separation
     from deshybrid.observer.hybrid import HybridObserver
 
 Source: TypeAlias = str | Path | HybridSystem | DES
@@ -46,12 +47,16 @@ MAX_STATES = 100_000
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Recovery(Explained):
-    """Stage 6: which signatures make the current location observable, and which of them the dynamics allow."""
+    """Stage 6: which signatures make the current location observable, and which of them the dynamics allow.
+
+    `pairs`: how the locations are told apart that a signature has to separate; empty in a purely discrete model.
+    """
 
     system: HybridSystem | None
     check: ObservabilityReport
     candidates: "tuple[FeasibleCandidate, ...]"
     plan: "SignaturePlan"
+    pairs: "tuple[Separation, ...]" = ()
 
     def _drawn(self) -> ObservabilityReport:
         return self.plan.report
@@ -72,15 +77,19 @@ class Recovery(Explained):
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
-        """Why nothing helps, where all candidates together leave a confusion; or what a limit has left undecided."""
+        """Why nothing helps, what a limit has left undecided, or which locations the signatures may confuse."""
+        from deshybrid.detector.pairs import confusion_warnings
+
         if self.plan.recoverable:
-            return self.plan.undecided
+            return self.plan.undecided + confusion_warnings(self.pairs if self.plan.signatures else ())
         left_out = tuple(verdict.reason for entry in self.candidates for verdict in entry.excluded)
         notes = tuple(f"no signature: {reason}" for reason in left_out)
         return tuple(replace(d, notes=d.notes + notes) for d in unrecoverable(self.plan.report))
 
     def __str__(self) -> str:
-        return str(self.plan)
+        from deshybrid.detector.pairs import hardest_line
+
+        return "\n".join(filter(None, (str(self.plan), hardest_line(self.pairs if self.plan.signatures else ()))))
 
     def __repr__(self) -> str:
         return f"<Recovery of {self.plan.des.name}: recoverable={self.plan.recoverable}, signatures={self.plan.names}>"
@@ -288,11 +297,11 @@ def recover(source: Source, *, max_states: int = MAX_STATES, seconds: float | No
     from deshybrid.detector.candidates import offers
 
     model = to_system(source)
-    des, candidates = offers(model)
+    des, candidates, pairs = offers(model)
     offered = tuple(entry.candidate for entry in candidates)
     plan = recover_observability(des, offered, max_states=max_states, seconds=seconds)
     check = check_observability(des, max_states=max_states)
-    return Recovery(None if isinstance(model, DES) else model, check, candidates, plan)
+    return Recovery(None if isinstance(model, DES) else model, check, candidates, plan, pairs)
 
 
 def design(

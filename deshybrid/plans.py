@@ -38,6 +38,7 @@ class Answer:
     def record(self) -> dict[str, object]:
         """Return the answer as a JSON tree."""
         record = recover_record(self.recovery.plan, self.recovery.feasibility)
+        record |= {"pairs": [pair.record() for pair in self.recovery.pairs]}
         return record if self.minimum is None else record | minimum_record(self.minimum)
 
     def __str__(self) -> str:
@@ -73,8 +74,8 @@ def verify_tree(document: Mapping[str, object], model: Source | None = None) -> 
 
 
 def _parts(model: Source) -> dict[str, object]:
-    des, candidates = offers(to_system(model))
-    return plan_parts(des, (entry.candidate for entry in candidates))
+    found = offers(to_system(model))
+    return plan_parts(found.des, (entry.candidate for entry in found.candidates))
 
 
 __all__ = ["Answer", "answer", "verify_tree"]

@@ -409,3 +409,26 @@ def random_stochastic_system(rng: np.random.Generator, *, plain: bool = False) -
     root = rng.standard_normal((n, n))
     prior = {"x": rng.standard_normal(n), "P": root @ root.T + 0.1 * np.eye(n), "mu": rng.dirichlet(np.ones(count))}
     return StochasticSystem(modes, chain, x=prior["x"], P=prior["P"], mu=prior["mu"])
+
+
+@st.composite
+def pairs_of_dynamics(draw: st.DrawFn) -> tuple[LinearDynamics, LinearDynamics]:
+    """Two locations with the same channels: one to three states each, up to one input, one or two outputs, offsets."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    m, p = draw(st.integers(0, 1)), draw(st.integers(1, 2))
+    both = []
+    for n in (draw(st.integers(1, 3)), draw(st.integers(1, 3))):
+        A = rng.normal(size=(n, n)) - 1.5 * np.eye(n)
+        offsets = draw(st.booleans())
+        both.append(
+            LinearDynamics(
+                A,
+                rng.normal(size=(n, m)),
+                rng.normal(size=(p, n)),
+                rng.normal(size=(p, m)),
+                np.zeros((n, 0)),
+                rng.normal(size=n) * offsets,
+                rng.normal(size=p) * offsets,
+            )
+        )
+    return both[0], both[1]

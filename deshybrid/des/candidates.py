@@ -34,6 +34,7 @@ class Candidate:
     without transitions offers a generator only, which the negation of others may need.
 
     `covers`: the locations of a covering detector, which has `location` = these names joined by `|` (see `covering`).
+    `confusion`: for each of `transitions` how easily it is taken for another, between 0 and 1; empty where not known.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Candidate:
     residual: bool = True
     negation: bool = True
     covers: tuple[str, ...] = ()
+    confusion: tuple[float, ...] = ()
 
     @classmethod
     def covering(
@@ -65,6 +67,11 @@ class Candidate:
     def entered(self) -> tuple[str, ...]:
         """The locations whose entry the signature announces."""
         return self.covers or (self.location,)
+
+    def confusion_of(self, transitions: Iterable[int]) -> float:
+        """Return the sum of the confusions of some of its transitions; 0 where nothing is known of them."""
+        known = dict(zip(self.transitions, self.confusion, strict=False))
+        return sum(known.get(number, 0.0) for number in transitions)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +179,8 @@ def _own_problems(des: DES, candidate: Candidate) -> Iterator[str]:
     if not (math.isfinite(candidate.cost) and candidate.cost >= 0):
         yield f"costs {candidate.cost}, expected a finite number that is not negative"
     yield from _covering_problems(des, candidate) if candidate.covers else ()
+    if candidate.confusion and len(candidate.confusion) != len(candidate.transitions):
+        yield f"has {len(candidate.confusion)} confusions for {len(candidate.transitions)} transitions"
     for number in candidate.transitions:
         if not 0 <= number < len(des.transitions):
             yield f"names transition number {number}, the system has {len(des.transitions)}"

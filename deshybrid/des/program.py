@@ -6,7 +6,8 @@ locations of one set of alternatives can therefore never both be named by negati
 constraint found so far, that at least one of its options is taken: once with r_o, once with their generators in place
 of them, which says the same of whole numbers and more of fractions.
 
-Objectives, minimised one after the other: the cost of the generators; the number of instrumented transitions; how many
+Objectives, minimised one after the other: the cost of the generators; the number of instrumented transitions; how
+easily these are confused with others (where that is known of any: the sum over them); how many
 alternatives the negations must deny beyond one each (to deny one is a threshold turned round, to deny many is fragile);
 how many negations there are; and, so that the choice is by declaration, the sums of the numbers of generators and of
 transitions.
@@ -94,9 +95,13 @@ def build_program(des: DES, candidates: tuple[Candidate, ...]) -> Program:
     order = {
         name: place + 1.0 for place, name in enumerate((*des.locations, *(c.name for c in candidates if c.covers)))
     }
+    confusions = {
+        variable: candidates[o.candidate].confusion_of(o.transitions) for o, both in pairs for variable in both
+    }
     objectives = (
         {y: cost / scale for y, cost in enumerate(costs.values())},
         {variable: float(len(option.transitions)) for option, both in pairs for variable in both},
+        *([confusions] if any(confusions.values()) else []),
         {n: len(option.negation) - 1.0 for option, (_, n) in pairs if option.negation},
         {n: 1.0 for _, (_, n) in pairs},
         {y: order[generator] for generator, y in number.items()},

@@ -43,9 +43,9 @@ def recover_observability(
     """Return the cheapest signatures that make `des` current-location observable (Balluchi et al., 2012, section 4.1).
 
     The cheapest plan has the least cost of residual generators; among those, the fewest instrumented transitions; then
-    the negations that deny least, then what is declared first (all objectives: `program`).  `max_states` limits the
-    observers of the reports.  After `max_rounds` programs, or `seconds`, the best plan so far is returned with a lower
-    bound: its `optimal` or `fewest` is then false.
+    those that are confused least with others; then the negations that deny least, then what is declared first (all
+    objectives: `program`).  `max_states` limits the observers of the reports.  After `max_rounds` programs, or
+    `seconds`, the best plan so far is returned with a lower bound: its `optimal` or `fewest` is then false.
 
     Raises `UsageError` (DH0406) where a candidate does not fit, `LimitReached` (DH0901) where tens of millions of pairs
     of transitions have a common output.

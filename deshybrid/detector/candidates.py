@@ -12,33 +12,41 @@ changes but the state: only a reset that the outputs of q show is seen, and nega
 
 A purely discrete model says nothing of the physics: every verdict is `unknown` and no transition is left out.
 A detector that covers several locations is a device of its own: all of its verdicts are `unknown`.
-Cost: two rank tests of size n_p + n_q per pair of locations, O(|Q|² n^4) at most.
+Each transition that is left carries how easily it is confused, 1 / (1 + d) for the least typical distance d (`pairs`)
+to an alternative: among the cheapest plans `recover` takes the one whose sum is least.
+
+Cost: that of `pairs`, at most once for each pair of locations.
 Source: Balluchi et al. (2012), section 4.1; joint observability: Vidal et al. (2003).
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from deshybrid.des.automaton import DES, Transition
+from deshybrid.des.automaton import DES
 from deshybrid.des.signatures import Candidate
+from deshybrid.detector.pairs import Feasibility, Separation, alternatives, separations, worst_of
 from deshybrid.model.abstraction import abstract
 from deshybrid.model.system import CoveringDetector, HybridSystem, HybridTransition, SignatureCandidate
 
-Feasibility: TypeAlias = Literal["always", "generic", "never", "unknown"]
-ORDER: tuple[Feasibility, ...] = ("always", "generic", "unknown", "never")
+CONFUSION_DIGITS = 4
+"""Digits that count after the point: smaller differences between plans are left to the order of declaration."""
 
 
 @dataclass(frozen=True, slots=True)
 class TransitionVerdict:
-    """What residuals can say about one transition (its number in the DES); `reason` is one sentence."""
+    """What residuals can say about one transition (its number in the DES); `reason` is one sentence.
+
+    `confusion`: from 0, far from every alternative, to 1, not to be told from one of them.
+    """
 
     transition: int
     residual: Feasibility
     negation: Feasibility
     reason: str
+    confusion: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +73,7 @@ class FeasibleCandidate:
     def feasibility(self, by: Literal["residual", "negation"], transitions: tuple[int, ...]) -> Feasibility:
         """Return the worst verdict over `transitions`, which an actual signature instruments."""
         chosen = (verdict for verdict in self.verdicts if verdict.transition in transitions)
-        return worst(verdict.residual if by == "residual" else verdict.negation for verdict in chosen)
-
-
-def worst(verdicts: Iterable[Feasibility]) -> Feasibility:
-    """Return the least favourable verdict; `unknown` ranks above `never` only."""
-    return max(verdicts, key=ORDER.index, default="always")
+        return worst_of(verdict.residual if by == "residual" else verdict.negation for verdict in chosen)
 
 
 def discrete_candidates(des: DES) -> tuple[FeasibleCandidate, ...]:
@@ -84,12 +87,15 @@ def discrete_candidates(des: DES) -> tuple[FeasibleCandidate, ...]:
     return tuple(_candidate(des, SignatureCandidate(location), (), verdict) for location in des.locations)
 
 
-def signature_candidates(system: HybridSystem, des: DES) -> tuple[FeasibleCandidate, ...]:
+def signature_candidates(
+    system: HybridSystem, des: DES, pairs: tuple[Separation, ...] | None = None
+) -> tuple[FeasibleCandidate, ...]:
     """Return the candidate signatures of a model: those it names with their costs, or one per location at cost 1.
 
-    `des` is the abstraction of `system`: transition i of the one is transition i of the other.  Transitions that the
-    model forbids are not among the verdicts.  Nothing is raised: a location that no residual can show keeps a candidate
-    without transitions, whose verdicts say why.
+    `des` is the abstraction of `system`: transition i of the one is transition i of the other.  `pairs` are its
+    `separations`, which are found where they are not given.  Transitions that the model forbids are not among the
+    verdicts.  Nothing is raised: a location that no residual can show keeps a candidate without transitions, whose
+    verdicts say why.
 
     >>> from deshybrid.model.abstraction import abstract
     >>> from deshybrid.model.load import loads
@@ -107,22 +113,31 @@ def signature_candidates(system: HybridSystem, des: DES) -> tuple[FeasibleCandid
     if system.is_discrete:
         verdict = _unknown("a discrete model says nothing of what the residuals of its locations can tell")
     else:
-        verdict = _Physics(system, des).verdict
+        verdict = _Physics(system, des, separations(system, des) if pairs is None else pairs).verdict
     forbid = system.signatures.forbid
     several = tuple(_covering(des, detector, forbid) for detector in system.signatures.detectors)
     return tuple(_candidate(des, wish, forbid, verdict) for wish in wishes) + several
 
 
-def offers(model: HybridSystem | DES) -> tuple[DES, tuple[FeasibleCandidate, ...]]:
-    """Return D_H of a model, and the signatures that may be added to it.
+class Offers(NamedTuple):
+    """D_H of a model, the signatures that may be added to it, and how its locations are told apart."""
 
-    >>> [entry.candidate.name for entry in offers(DES.from_transitions([("1", "a", "2", "α")]))[1]]
+    des: DES
+    candidates: tuple[FeasibleCandidate, ...]
+    pairs: tuple[Separation, ...]
+
+
+def offers(model: HybridSystem | DES) -> Offers:
+    """Return what a model offers to recovery; a DES says nothing of how its locations are told apart.
+
+    >>> [entry.candidate.name for entry in offers(DES.from_transitions([("1", "a", "2", "α")])).candidates]
     ['s_1', 's_2']
     """
     if isinstance(model, DES):
-        return model, discrete_candidates(model)
+        return Offers(model, discrete_candidates(model), ())
     des = abstract(model)
-    return des, signature_candidates(model, des)
+    pairs = separations(model, des)
+    return Offers(des, signature_candidates(model, des, pairs), pairs)
 
 
 def signature_name(des: DES, location: str) -> str:
@@ -136,18 +151,6 @@ def signature_name(des: DES, location: str) -> str:
     while name in outputs:
         name += "'"
     return name
-
-
-def alternatives(des: DES, transition: Transition) -> tuple[str, ...]:
-    """Return what the plant may do instead of `transition` without a difference in γ or command: stay, or go elsewhere.
-
-    >>> des = DES.from_transitions([("1", "a", "2", "α"), ("1", "b", "3", "α"), ("1", "c", "4", "β")])
-    >>> alternatives(des, des.transitions[0])
-    ('1', '3')
-    """
-    source, shown = transition.source, set(transition.occurrences)
-    rivals = (other.target for other in des.transitions if other.source == source and shown & set(other.occurrences))
-    return tuple(name for name in dict.fromkeys((source, *rivals)) if name != transition.target)
 
 
 def _candidate(
@@ -165,6 +168,7 @@ def _candidate(
     residual = tuple(v.transition for v in verdicts if v.residual != "never") if wish.by != "negation" else ()
     negation = tuple(v.transition for v in verdicts if v.negation != "never") if wish.by != "residual" else ()
     transitions = residual or negation
+    confusion = {v.transition: v.confusion for v in verdicts}
     candidate = Candidate(
         name=signature_name(des, wish.location),
         location=wish.location,
@@ -172,6 +176,7 @@ def _candidate(
         cost=wish.cost,
         residual=wish.by != "negation" and transitions == residual,
         negation=wish.by != "residual" and set(transitions) <= set(negation),
+        confusion=tuple(confusion[number] for number in transitions) if any(confusion.values()) else (),
     )
     return FeasibleCandidate(candidate, verdicts)
 
@@ -190,11 +195,11 @@ def _unknown(reason: str) -> Callable[[int], TransitionVerdict]:
 
 
 class _Physics:
-    """Verdicts from the dynamics; every ordered pair of locations is compared once."""
+    """Verdicts from the dynamics, by pairs of locations."""
 
-    def __init__(self, system: HybridSystem, des: DES) -> None:
+    def __init__(self, system: HybridSystem, des: DES, pairs: tuple[Separation, ...]) -> None:
         self.system, self.des = system, des
-        self.known: dict[tuple[str, str], tuple[Feasibility, str]] = {}
+        self.pairs = {name: pair for pair in pairs for name in ((pair.first, pair.second), (pair.second, pair.first))}
 
     def verdict(self, number: int) -> TransitionVerdict:
         """Return the verdict on transition `number`."""
@@ -211,15 +216,16 @@ class _Physics:
         for other in others:
             for first, second in ((target, other), (other, target)):
                 found, why = self._told_apart(first, second)
-                if ORDER.index(found) > ORDER.index(residual):
+                if worst_of((found, residual)) != residual:
                     residual, reason = found, f"`{first}` against `{second}`: {why}"
-            negation = worst((negation, self._told_apart(target, other)[0]))
-        return TransitionVerdict(number, residual, negation, reason)
+            negation = worst_of((negation, self._told_apart(target, other)[0]))
+        nearest = min(self.pairs[target, other].typical for other in others)
+        return TransitionVerdict(number, residual, negation, reason, round(1.0 / (1.0 + nearest), CONFUSION_DIGITS))
 
     def _told_apart(self, first: str, second: str) -> tuple[Feasibility, str]:
-        if (first, second) not in self.known:
-            self.known[first, second] = _compare(self.system, first, second)
-        return self.known[first, second]
+        pair = self.pairs[first, second]
+        forward = pair.first == first
+        return (pair.forward, pair.reasons[0]) if forward else (pair.backward, pair.reasons[1])
 
     def _kick(self, loop: HybridTransition) -> tuple[Feasibility, str]:
         """A self-loop shows only where its reset moves the state in a direction that the outputs see."""
@@ -236,22 +242,6 @@ class _Physics:
         if np.any(np.abs(offset) > 1e-12):
             return "always", "a self-loop changes no dynamics; its reset shifts the outputs"
         return "never", "a self-loop changes no dynamics, and its reset changes nothing that the outputs see"
-
-
-def _compare(system: HybridSystem, first: str, second: str) -> tuple[Feasibility, str]:
-    from deshybrid.linear.distinguish import distinguish
-
-    one, other = system.location(first), system.location(second)
-    if one.dynamics is None or other.dynamics is None:
-        return "unknown", "a location has no dynamics"
-    found = distinguish(
-        one.dynamics,
-        other.dynamics,
-        discrete=system.time_step is not None,
-        inputs=(one.input_index, other.input_index),
-        outputs=(one.output_index, other.output_index),
-    )
-    return found.verdict, found.reason
 
 
 def feasibility(

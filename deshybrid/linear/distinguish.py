@@ -70,7 +70,7 @@ def distinguish(
     >>> distinguish(scalar(-1.0), scalar(-2.0)).verdict, distinguish(scalar(-1.0), scalar(-1.0)).verdict
     ('always', 'never')
     """
-    first, second = _on_common_channels(first, second, inputs, outputs)
+    first, second = on_common_channels(first, second, inputs, outputs)
     joint = _joint_system(first, second, discrete=discrete)
     size = first.A.shape[0] + second.A.shape[0]
     agreeing = output_nulling(joint)
@@ -89,7 +89,7 @@ def distinguish(
     return Distinguishability("generic", rank, dimension, reason)
 
 
-def _on_common_channels(
+def on_common_channels(
     first: LinearDynamics,
     second: LinearDynamics,
     inputs: tuple[tuple[int, ...], tuple[int, ...]] | None,
@@ -159,4 +159,4 @@ def _never(joint: ScaledSystem, n: int) -> bool:
     return int(np.linalg.matrix_rank(silent[kept], tol=np.sqrt(RANK_TOLERANCE))) == n + 1
 
 
-__all__ = ["Distinguishability", "Verdict", "distinguish"]
+__all__ = ["Distinguishability", "Verdict", "distinguish", "on_common_channels"]
