@@ -9,7 +9,6 @@ Every function takes a path, a `HybridSystem` or a `DES`.  A "no" is a value too
 is negative.  Source: Balluchi et al. (2012), sections 3 and 4.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
