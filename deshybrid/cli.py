@@ -21,6 +21,7 @@ from deshybrid.diagnostics import (
     catalogue,
     diagnostic,
 )
+from deshybrid.fit_command import fit
 from deshybrid.observer import MAX_TABLE
 from deshybrid.options import (
     AsJson,
@@ -63,6 +64,7 @@ app = typer.Typer(
 )
 app.command()(analyse)
 app.command()(campaign)
+app.command()(fit)
 
 
 def _tell_version(wanted: bool) -> None:

@@ -31,6 +31,8 @@ LEVEL = {
     "console": 7,
     "analysis_command": 9,
     "campaign_command": 9,
+    "fit": 6,
+    "fit_command": 9,
     "cli": 10,
 }
 BESIDE = {("detector", "continuous")}  # residual gains are placed by the code that places observer gains

@@ -1,0 +1,1 @@
+"""Identification of a model's parameters from traces."""
