@@ -5,6 +5,9 @@ In: the words of the command line.  Out: text or JSON on standard output, a fold
 """
 
 import os
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -23,6 +26,7 @@ def campaign(
     seed: Annotated[int, typer.Option(min=0, help="the same seed gives the same bytes")] = 0,
     only: Annotated[list[str] | None, typer.Option(help="count entries into this location; may be repeated")] = None,
     workers: Annotated[int | None, typer.Option(min=1, max=256, help="processes; default: one a core")] = None,
+    dask: Annotated[str | None, typer.Option(help="run drives on Dask: `local`, or a scheduler's address")] = None,
     duration: Annotated[float | None, typer.Option(min=0.0, help="of one drive in s; default: the model's")] = None,
     max_drives: Annotated[int, typer.Option(min=1, help="stop with exit code 3 after so many drives")] = 1000,
     drive: Annotated[int | None, typer.Option(min=0, help="write the trace of this drive, and nothing else")] = None,
@@ -39,7 +43,6 @@ def campaign(
     from deshybrid import campaigns
     from deshybrid.emit.files import write_result, write_tree
     from deshybrid.formats.reading import read_system
-    from deshybrid.simulate.campaign_executor import local_executor
     from deshybrid.simulate.trace import write_trace
 
     if plots:
@@ -55,8 +58,7 @@ def campaign(
         if drive is not None:
             write_result(output, write_trace(prepared.task.execution(drive).trace).encode())
             return
-        count = workers or os.cpu_count() or 1
-        with local_executor(count) as executor:
+        with _executor(dask, workers) as (executor, count):
             run = campaigns.carry_out(
                 prepared, prepared.task, executor, ahead=2 * count, folder=output, progress=progress
             )
@@ -67,6 +69,22 @@ def campaign(
     say(run.stopped)
     if run.stopped:
         raise typer.Exit(LIMIT)
+
+
+@contextmanager
+def _executor(dask: str | None, workers: int | None) -> Iterator[tuple[Executor, int]]:
+    """Where drives run, and how many at once."""
+    if dask is not None:
+        from deshybrid.simulate.campaign_dask import dask_executor
+
+        with dask_executor(dask, workers=workers) as found:
+            yield found
+        return
+    from deshybrid.simulate.campaign_executor import local_executor
+
+    count = workers or os.cpu_count() or 1
+    with local_executor(count) as executor:
+        yield executor, count
 
 
 def _require_plots(output: Path | None) -> None:
