@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from deshybrid.analysis.convergence import Convergence, convergence
+from deshybrid.analysis.detection import Detection, detection
 from deshybrid.analysis.observability import Observability, observability
 from deshybrid.compiler import Source, to_hybrid
 from deshybrid.diagnostics import Diagnostic
@@ -38,13 +39,14 @@ class Question:
 class Analysis:
     """The answers for one model, and what they were made from.
 
-    Where modes measure different outputs there is no observability: the mode is taken as known.
+    Where modes measure different outputs there is nothing to be observed or detected: the mode is taken as known.
     """
 
     name: str
     system: StochasticSystem
     observability: Observability | None
     convergence: Convergence
+    detection: Detection | None
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
@@ -66,11 +68,13 @@ class Analysis:
             "holds": self.holds,
             "observability": None if self.observability is None else self.observability.record(),
             "convergence": self.convergence.record(),
+            "detection": None if self.detection is None else self.detection.record(),
         }
 
     def __str__(self) -> str:
         known = "modes measure different outputs, so that the mode is taken as known"
-        return f"{self.observability or known}\n{self.convergence}"
+        parts = (self.observability or known, self.convergence, self.detection)
+        return "\n".join(str(part) for part in parts if part is not None)
 
 
 def analyse(source: Source, question: Question | None = None) -> Analysis:
@@ -89,11 +93,15 @@ def analyse(source: Source, question: Question | None = None) -> Analysis:
     if question.delay:
         system.comparable_bank  # noqa: B018 - a filter of the wrong mode cannot run on other outputs
     comparable = bool((system.bank.measured == system.bank.measured[0]).all())
+    converging = convergence(system, _demand(model, question), model.time_step or question.step or 1.0)
+    filters = [state.filter for state in converging.states if state.filter is not None]
+    complete = filters if len(filters) == len(system.modes) else []
     return Analysis(
         model.name,
         system,
         observability(system, question.window) if comparable else None,
-        convergence(system, _demand(model, question), model.time_step or question.step or 1.0),
+        converging,
+        detection(system, question.window.rows, complete) if comparable else None,
     )
 
 

@@ -222,3 +222,44 @@ def test_the_bounds_of_the_model_are_those_of_its_states():
     made = analyse(bounded, Question(Window(rows=5), delay=1, error_bound=100.0))
     assert made.record()["convergence"]["demand"]["state_bound"] == [1000.0, 100.0, 1000.0, 100.0]
     assert made.convergence.bounds[1].by_powers is not None
+
+
+def test_the_delays_of_the_example_are_predicted_and_drawn_alike_and_imm_is_the_faster():
+    found = analyse(MODELS / "hwang2006/turn.yaml").detection
+    for imm, mmae in found.switches:
+        assert (imm.foreseen, imm.median) == (2, 2.0)
+        assert (mmae.foreseen, mmae.median) == (7, 7.0)
+
+
+def test_modes_that_differ_in_noise_alone_are_hidden_from_the_means_and_named_all_the_same():
+    found = analyse(MODELS / "hwang2003/two_noises.yaml").detection
+    assert [residual.told for residual in found.residuals] == [False, False]
+    for pair in found.switches:
+        for delay in pair:
+            assert delay.foreseen is None
+            assert delay.median < 10.0
+    assert "means of residuals do not show rough in the filter of calm" in str(found)
+
+
+def test_switches_are_ranked_by_the_mean_of_their_drawn_delays():
+    found = analyse(MODELS / "hwang2006/maneuver.yaml").detection
+    means = [float(np.minimum(imm.drawn, found.rows + 1).mean()) for imm, _ in found.switches]
+    assert means == sorted(means)
+    assert found.record()["easiest_first"] == [["CT", "CV"], ["CV", "CT"]]
+
+
+def test_without_steady_state_filters_delays_are_still_drawn_and_nothing_is_printed_of_propositions():
+    found = analyse(MODELS / "hwang2003/scalar.yaml").detection
+    assert found.residuals == ()
+    assert all(delay.printed is None and delay.median < 10.0 for pair in found.switches for delay in pair)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["hwang2003/scalar", "hwang2003/two_turns", "hwang2003/two_noises", "hwang2006/maneuver", "boker/constant_gains"],
+)
+def test_the_json_of_every_example_is_json(name):
+    from deshybrid.emit.records import to_json
+
+    record = json.loads(to_json(analyse(MODELS / f"{name}.yaml").record()))
+    assert list(record) == ["format", "name", "modes", "holds", "observability", "convergence", "detection"]
