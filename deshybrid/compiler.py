@@ -293,13 +293,13 @@ def _certified(draft: Design, stays: "Stays") -> Design:
     from deshybrid.continuous.determinability_design import determined
     from deshybrid.continuous.lmi import certify_forms
     from deshybrid.continuous.methods import gains_by_method
-    from deshybrid.detector.detector import build_detector, delay_warnings
+    from deshybrid.detector.detector import build_detector
 
     system, gains, plan = draft.system, draft.gains, draft.recovery.plan
     if gains is None:
         return draft
     detector = build_detector(system, plan, rate=gains.rate, step=draft.step) if plan.signatures else None
-    warnings = () if detector is None else delay_warnings(detector)
+    warnings = () if detector is None else detector.warnings
     made = replace(draft, detector=detector, problems=draft.problems + warnings)
     together = determined(system, gains, stays, step=made.step, delay=made.delay)
     if together is not None:

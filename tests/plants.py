@@ -10,8 +10,9 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import expm
 
-from deshybrid.linear.arrays import FloatArray
-from deshybrid.model.system import HybridSystem
+from deshybrid.linear.arrays import FloatArray, frozen_array
+from deshybrid.linear.dynamics import LinearDynamics
+from deshybrid.model.system import HybridSystem, Location
 
 
 @dataclass(frozen=True)
@@ -96,3 +97,25 @@ def output_of(system: HybridSystem, name: str, x: FloatArray, u: FloatArray, v: 
     y, rows = np.zeros(len(system.output_names)), list(location.output_index)
     y[rows] = dynamics.C @ x + dynamics.D @ u[list(location.input_index)] + dynamics.g + v[rows]
     return y
+
+
+def random_location(rng: np.random.Generator, name: str) -> Location:
+    """A stable location with two states, one input, `y2` or both outputs, offsets and feedthrough."""
+    p = int(rng.integers(1, 3))
+    A = rng.normal(size=(2, 2))
+    A -= (np.abs(np.linalg.eigvals(A)).max() + rng.uniform(0.2, 2.0)) * np.eye(2)
+    dynamics = LinearDynamics(
+        A=frozen_array(A, (2, 2)),
+        B=frozen_array(rng.normal(size=(2, 1)), (2, 1)),
+        C=frozen_array(rng.normal(size=(p, 2)), (p, 2)),
+        D=frozen_array(0.3 * rng.normal(size=(p, 1)), (p, 1)),
+        E=frozen_array(rng.normal(size=(2, 1)), (2, 1)),
+        f=frozen_array(0.2 * rng.normal(size=2), (2,)),
+        g=frozen_array(0.2 * rng.normal(size=p), (p,)),
+    )
+    return Location(name, dynamics, input_index=(0,), output_index=(0, 1) if p == 2 else (1,))
+
+
+def jumping(rng: np.random.Generator, limits: list[float]) -> Callable[[float], list[float]]:
+    """Random signs at full size: bounded, and as rough as a sampled signal can be."""
+    return lambda time: [float(limit * rng.choice([-1.0, 1.0])) for limit in limits]

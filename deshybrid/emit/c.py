@@ -23,10 +23,10 @@ from deshybrid.emit.identifiers import (
     markdown_code,
     unique_identifiers,
 )
-from deshybrid.emit.provenance import Provenance, banner, certificate_lines, tracker_fact
+from deshybrid.emit.provenance import Provenance, banner, certificate_lines, decision_facts, tracker_fact
 from deshybrid.emit.vectors import Vector, record_vectors
 from deshybrid.observer import reference
-from deshybrid.observer.tables import STATUS_NAMES, StepTables
+from deshybrid.observer.tables import STATUS_NAMES, StepTables, evidence_size
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -153,6 +153,11 @@ def _context(tables: StepTables, prefix: str, real: Real, origin: Provenance) ->
         "online": None if tables.online is None else layout(tables.online),
         "window_ticks": tables.window_ticks,
         "command_slack": tables.command_slack,
+        "decision": tables.decision.kind,
+        "supervised": tables.decision.kind != "relay",
+        "evidence": evidence_size(tables),
+        "exclude_ticks": tables.decision.exclude_ticks,
+        "patience_ticks": tables.decision.patience_ticks,
         "largest": c_real(reference.LARGEST, real),
         "entry_rows": [_entry_row(entered, len(tables.location_names)) for entered in rows],
         "vectors": [_vector(vector, rows[vector.entry_estimate], real) for vector in vectors],
@@ -193,6 +198,7 @@ def _facts(tables: StepTables, origin: Provenance, real: Real, price: Cost) -> l
         f"{len(tables.generators.locations)} residual generators.",
         f"Continuous observer: n = {n}, m = {m}, p = {p}, step {tables.step!r} s, {real}.  No heap.",
         *certificate_lines(origin, n),
+        *decision_facts(tables),
         f"One step: at most {price.multiplications} multiplications and {price.additions} additions"
         f"{f', {price.memberships} looks into the set of pairs' if price.memberships else ''}.",
         f"Memory: {price.state_bytes} bytes of state, {price.table_bytes} bytes of tables, {text} bytes of names.",

@@ -12,11 +12,12 @@ from typing import Any, Literal
 
 from deshybrid.emit.conline import layout, memberships, online_rows
 from deshybrid.emit.identifiers import c_real
-from deshybrid.observer.tables import StepTables, plain_tables
+from deshybrid.observer.tables import StepTables, evidence_size, plain_tables
 
 Real = Literal["double", "float"]
 _SIZES = {"double": 8, "float": 4, "uint32_t": 4, "int32_t": 4, "uint16_t": 2, "int16_t": 2, "uint8_t": 1}
 _LINE = 110
+_TESTS = ("sprt", "glr")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,11 +72,11 @@ def c_tables(tables: StepTables, real: Real) -> tuple[Table, ...]:
     Table(name='x_start', type='double', meaning='continuous estimate before the first sample', length=0, lines=('0',))
     """
     plain: dict[str, Any] = plain_tables(tables)
-    numbers = (*_flow_numbers(plain), *_generator_numbers(plain["generators"]))
+    numbers = (*_flow_numbers(plain), *_generator_numbers(plain), *_decision_numbers(plain))
     index = index_type(tables)
     common = (
         *(_table(name, real, meaning, _written(rows, real)) for name, meaning, rows in numbers),
-        *(_table(name, "int32_t", meaning, _integers(rows)) for name, meaning, rows in _ticks(plain["generators"])),
+        *(_table(name, "int32_t", meaning, _integers(rows)) for name, meaning, rows in _ticks(plain)),
         *(_table(name, "uint8_t", meaning, _integers(rows)) for name, meaning, rows in _flags(tables)),
         *(_table(name, index, meaning, _integers(rows)) for name, meaning, rows in _resets(tables)),
     )
@@ -107,24 +108,36 @@ def cost(tables: StepTables, printed: Iterable[Table], real: Real) -> Cost:
     members = 1 if online is None else layout(online).members
     generators, k = len(tables.generators.locations), tables.generators.order
     resets = 2 if len(tables.reset_matrix) else 0
+    squares, sums = _decision_cost(tables, p)
     of_generators = generators * ((k + p) * (k + m + p) + k * p)
     products = n * (n + m + p) + of_generators + resets * n * n
     return Cost(
-        state_bytes=_state_bytes((n, generators * k, m + p), generators, _SIZES[real], members),
+        state_bytes=_state_bytes(tables, _SIZES[real], members),
         table_bytes=sum(table.bytes for table in printed),
-        multiplications=products + generators * p,
-        additions=products + generators * p,
+        multiplications=products + generators * squares,
+        additions=products + generators * sums,
         memberships=0 if online is None else memberships(online),
     )
 
 
-def _state_bytes(numbers: tuple[int, int, int], generators: int, real: int, tracker: int) -> int:
+def _decision_cost(tables: StepTables, p: int) -> tuple[int, int]:
+    """Multiplications and additions that the decision takes per generator, the residual's subtractions included."""
+    samples = len(tables.decision.limits)
+    return {"sprt": (p * p + p + 1, p * p + 2 * p + 1), "glr": (p * p + samples * p, p * p + (2 * samples) * p)}.get(
+        tables.decision.kind, (p, p)
+    )
+
+
+def _state_bytes(tables: StepTables, real: int, tracker: int) -> int:
     """The size of the state structure of `templates/c/header.h.j2`: (size, number) of its members in their order."""
+    n, channels = len(tables.state_names), len(tables.input_names) + len(tables.output_names)
+    generators, k = len(tables.generators.locations), tables.generators.order
     one = max(generators, 1)
+    away = 0 if tables.decision.kind == "relay" else one
     members = [
-        (real, sum(max(number, 1) for number in numbers)),
+        (real, max(n, 1) + max(generators * k, 1) + max(channels, 1) + generators * evidence_size(tables)),
         (8, 1),
-        (4, tracker + 3 + one),
+        (4, tracker + 3 + one + away),
         (1, 5 * one + 1),
     ]
     end = 0
@@ -144,7 +157,9 @@ def _flow_numbers(plain: dict[str, Any]) -> _Rows:
     yield "reset_offset", "by reset, by state", plain["reset_offset"]
 
 
-def _generator_numbers(generators: Sequence[dict[str, Any]]) -> _Rows:
+def _generator_numbers(plain: dict[str, Any]) -> _Rows:
+    generators = plain["generators"]
+
     def each(name: str) -> list[Any]:
         return [generator[name] for generator in generators]
 
@@ -154,13 +169,31 @@ def _generator_numbers(generators: Sequence[dict[str, Any]]) -> _Rows:
     yield "generator_start_offset", "by generator, by state", each("start_offset")
     yield "residual_rows", "by generator, by output: of state, input, output", _joined(each("residual_rows"))
     yield "residual_offset", "by generator, by output", each("residual_offset")
-    yield "residual_weight", "by generator, by output: 1/threshold, 0 = no residual", each("weight")
-    yield "generator_release", "by generator: level above which its relay switches off", [each("release")]
+    if plain["decision"] not in _TESTS:
+        yield "residual_weight", "by generator, by output: 1/threshold, 0 = no residual", each("weight")
+        yield "generator_release", "by generator: level above which its relay switches off", [each("release")]
 
 
-def _ticks(generators: Sequence[dict[str, Any]]) -> _Rows:
+def _decision_numbers(plain: dict[str, Any]) -> _Rows:
+    """What `sprt` and `glr` add."""
+    kind, generators = plain["decision"], plain["generators"]
+    if kind in _TESTS:
+        rows = _joined(generator["whitening"] for generator in generators)
+        yield "generator_whitening", "by generator, by output: coefficients of the residual", rows
+        yield "unbiased", "by output", [generators[0]["unbiased"]]
+    if kind == "sprt":
+        rows = [generator["test"] for generator in generators]
+        yield "generator_test", "by generator: slope, offset, lower and upper level", rows
+    if kind == "glr":
+        yield "test_limits", "by number of samples less one: limit of the square of their sum", [plain["limits"]]
+
+
+def _ticks(plain: dict[str, Any]) -> _Rows:
+    generators = plain["generators"]
     yield "generator_on_ticks", "by generator: steps until it becomes active", [[g["on_ticks"] for g in generators]]
     yield "generator_off_ticks", "by generator: steps until it becomes inactive", [[g["off_ticks"] for g in generators]]
+    if plain["decision"] != "relay":
+        yield "location_own", "by location: its generator, -1 = none", [plain["own"]]
 
 
 def _flags(tables: StepTables) -> _Rows:

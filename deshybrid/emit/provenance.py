@@ -54,6 +54,27 @@ def tracker_fact(tables: "StepTables") -> str:
     return f"on line, a set of up to {tables.online.pairs} pairs (location, signature due)"
 
 
+_DECISIONS = {
+    "exclusion": "a location is named once the residuals of all alternatives are beyond what their bounds allow",
+    "sprt": "sequential probability ratio tests of the residuals",
+    "glr": "generalised likelihood ratio tests of the residuals over {samples} samples",
+}
+
+
+def decision_facts(tables: "StepTables") -> tuple[str, ...]:
+    """Return how residuals become decisions, where that is not by the paper's relays.
+
+    >>> from deshybrid.compiler import compile
+    >>> decision_facts(compile("models/balluchi2012/fig2.yaml").observer.tables)
+    ()
+    """
+    if tables.decision.kind == "relay":
+        return ()
+    text = _DECISIONS[tables.decision.kind].format(samples=len(tables.decision.limits))
+    ticks = tables.decision.patience_ticks
+    return (f"Decisions: {text}; a location that explains nothing for {ticks} steps is given up.",)
+
+
 def banner(origin: Provenance, facts: Iterable[str]) -> list[str]:
     """Return the lines of a generated file's header, in ASCII and of readable width, without comment marks.
 

@@ -10,7 +10,7 @@ from importlib import resources
 from typing import Any
 
 from deshybrid.emit.identifiers import check_prefix
-from deshybrid.emit.provenance import Provenance, banner, certificate_lines, tracker_fact
+from deshybrid.emit.provenance import Provenance, banner, certificate_lines, decision_facts, tracker_fact
 from deshybrid.emit.vectors import Vector, record_vectors
 from deshybrid.observer.online import OnlineTracker
 from deshybrid.observer.tables import STATUS_NAMES, StepTables, plain_tables
@@ -78,6 +78,7 @@ def _facts(tables: StepTables, origin: Provenance) -> list[str]:
         f"Location observer: {tracker_fact(tables)}.  Continuous observer: n = {n}, m = {m}, p = {p}, "
         f"step {tables.step!r} s.",
         *certificate_lines(origin, n),
+        *decision_facts(tables),
         *origin.notes,
     ]
 

@@ -156,6 +156,11 @@ DETECTOR = Record(
         ),
         Key("release", Number(at_least=1.0), "factor from the lower to the upper level of the relay"),
         Key("debounce", _NOT_NEGATIVE, "how long a residual must stay low, in seconds"),
+        Key(
+            "decision",
+            Word(("relay", "exclusion")),
+            "how residuals become decisions; where not written, exclusion if the bounds make it possible",
+        ),
         Key("window", _POSITIVE, "how long a signature is waited for after an output, in seconds"),
     ),
 )

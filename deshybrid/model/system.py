@@ -7,7 +7,7 @@ location's `dynamics` is None.  Names are the text as written.  Source: Balluchi
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from deshybrid.diagnostics import Span
 from deshybrid.diagnostics.pictured import Pictured
@@ -17,6 +17,8 @@ from deshybrid.model.predicates import Predicate
 
 if TYPE_CHECKING:
     from deshybrid.model.source import SourceModel
+
+Decision: TypeAlias = Literal["relay", "exclusion", "sprt", "glr"]
 
 
 def _nothing() -> Mapping[str, Any]:
@@ -125,8 +127,9 @@ class SignatureOptions:
 class DetectorOptions:
     """What the model file fixes of the transition detector; `None` or a missing location = derived.
 
-    `poles` (rad/s) per location; `threshold`: the residual level, in output units per channel, below which a location
-    counts as matching; `release`: factor >= 1 from the lower to the upper relay level; `debounce`, `window`: seconds.
+    `decision`: how residuals become decisions.  `poles` (rad/s) per location; `threshold`: the residual level, in
+    output units per channel, below which a location counts as matching; `release`: factor >= 1 from the lower to the
+    upper relay level; `debounce`, `window`: seconds.
     """
 
     poles: Mapping[str, tuple[complex, ...]] = field(default_factory=_nothing)
@@ -134,6 +137,7 @@ class DetectorOptions:
     release: float | None = None
     debounce: float | None = None
     window: float | None = None
+    decision: Decision | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,7 +6,7 @@ real matrix has, DH0218 for a forbidden pair without a transition, DH0219 for a 
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, get_args
 
 from deshybrid.diagnostics import diagnostic
 from deshybrid.linear.arrays import FloatArray
@@ -16,6 +16,7 @@ from deshybrid.model.problems import Problems
 from deshybrid.model.shapes import Expected, checked, count
 from deshybrid.model.system import (
     CoveringDetector,
+    Decision,
     DetectorOptions,
     HybridTransition,
     Location,
@@ -24,6 +25,7 @@ from deshybrid.model.system import (
     SignatureOptions,
 )
 
+_DECISIONS: Mapping[str | None, Decision] = {name: name for name in get_args(Decision)}
 _PAIRING = 1e-9  # poles written by expressions may differ from their conjugates by rounding
 
 
@@ -115,6 +117,7 @@ def _detector(
         written.number("release"),
         written.number("debounce"),
         written.number("window"),
+        _DECISIONS.get(written.text("decision")),
     )
 
 

@@ -18,7 +18,7 @@ from deshybrid.diagnostics import Diagnostic, GainError, ModelError, diagnostic,
 from deshybrid.linear.arrays import FloatArray, frozen_array
 from deshybrid.linear.dynamics import LinearDynamics
 from deshybrid.model.system import AffineReset, HybridSystem, HybridTransition, Location
-from deshybrid.observer.tables import FlowTables, GeneratorTables
+from deshybrid.observer.tables import DecisionTables, FlowTables, GeneratorTables
 
 ROUNDING = 1e-9
 """Eigenvalues of a sampled matrix are right to this share."""
@@ -146,6 +146,17 @@ def _placed(part: FloatArray, shape: tuple[int, int], rows: Sequence[int], colum
     return whole
 
 
+def fill_decision(detector: TransitionDetector | None) -> DecisionTables:
+    """Return the constants of a detector's decision; those of the relay where there is none."""
+    if detector is None or detector.decision.kind == "relay":
+        return DecisionTables()
+    return DecisionTables(
+        kind=detector.decision.kind,
+        exclude_ticks=detector.decision.exclude_ticks,
+        patience_ticks=detector.window_ticks + 1,
+    )
+
+
 def fill_resets(
     system: HybridSystem, persistent: tuple[str, ...]
 ) -> tuple[tuple[tuple[int, ...], ...], FloatArray, FloatArray]:
@@ -195,4 +206,4 @@ def _two_resets(first: HybridTransition, second: HybridTransition) -> Diagnostic
     )
 
 
-__all__ = ["fill_flow", "fill_generators", "fill_resets"]
+__all__ = ["fill_decision", "fill_flow", "fill_generators", "fill_resets"]

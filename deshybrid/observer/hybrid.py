@@ -19,7 +19,7 @@ from deshybrid.detector.detector import TransitionDetector
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.model.system import HybridSystem
 from deshybrid.observer import MAX_TABLE, reference
-from deshybrid.observer.filling import fill_flow, fill_generators, fill_resets
+from deshybrid.observer.filling import fill_decision, fill_flow, fill_generators, fill_resets
 from deshybrid.observer.tables import STATUS_NAMES, StepTables, plain_tables
 from deshybrid.observer.tracker import CommandNeeds, Tracker, choose_tracker, outputs_of
 
@@ -179,6 +179,7 @@ def build_observer(
         signatures_are_events=system.is_discrete,
         guaranteed=certain,
         needs=command_needs(system),
+        generators=None if detector is None else tuple(g.location.name for g in detector.generators),
         max_states=max_states,
     )
     tables = _tables(system, plan, detector, gains, tracker, step=step)
@@ -238,6 +239,7 @@ def _tables(
         online=tracker.online,
         commands=tuple((command.name, command.values) for command in system.commands),
         command_slack=0 if system.is_discrete else 1,
+        decision=fill_decision(detector),
     )
 
 

@@ -31,6 +31,8 @@ class State(NamedTuple):
     relay: Flags  # by generator: small residual
     debounce: tuple[int, ...]  # by generator: ticks for which relay and activity have differed
     active: Flags  # by generator: the relay after the debounce
+    away: tuple[int, ...]  # by generator: valid ticks for which it has not been active, at most `patience`
+    evidence: tuple[Numbers, ...]  # by generator: what a test has gathered
     seen: Flags  # by generator: active at the last move or since
     stale: Flags  # by generator: active since before the event that led here
     tracker: int  # state of the location observer, as `tables["tracker"]` counts them
@@ -44,11 +46,14 @@ class State(NamedTuple):
 def start(tables: Tables) -> State:
     """Return the state before the first sample; a location known from the start has its continuous observer running."""
     none = (False,) * len(tables["generators"])
+    zeros = (0,) * len(none)
+    evidence = (tables["evidence"],) * len(none)
     initial = tables["initial"]
     location = tables["tracker"].known(initial)[0]
     flow = location if location >= 0 and tables["flow_defined"][location] else -1
     ages = (tables["window_ticks"] + 1,) * sum(tables["commands"])
-    return State(0, None, (), none, (0,) * len(none), none, none, none, initial, 0, -1, flow, tables["start"], ages)
+    still = (none, zeros, none, zeros, evidence, none, none)
+    return State(0, None, (), *still, initial, 0, -1, flow, tables["start"], ages)
 
 
 def step(
@@ -70,13 +75,15 @@ def step(
     before = state.active
     state = advance(tables, state)
     if valid:
-        state = decide(tables["generators"], state, sample_input, sample_output)
+        state = decide(tables, state, sample_input, sample_output)
     silence = min(state.silence + 1, tables["window_ticks"]) if state.ticks > 0 else 0
     stale = tuple(was and now for was, now in zip(state.stale, state.active, strict=True))
     state = state._replace(ticks=state.ticks + 1, silence=silence, stale=stale)
     state, signature, inconsistent = track(tables, state, event, before)
     state = state._replace(seen=tuple(was or now for was, now in zip(state.seen, state.active, strict=True)))
     location, provisional = tables["tracker"].known(state.tracker)
+    if is_doubted(tables, state):
+        location, provisional = -1, True
     status = IDENTIFIED if location >= 0 else PROVISIONAL if provisional else SEARCHING
     if inconsistent:
         status = INCONSISTENT
@@ -139,35 +146,84 @@ def start_generator(generator: Tables, sample_output: Numbers) -> Numbers:
     return affine(generator["start"], generator["start_offset"], sample_output)
 
 
-def decide(generators: tuple[Tables, ...], state: State, sample_input: Numbers, sample_output: Numbers) -> State:
-    """Take a valid sample: residuals, relays with hysteresis, debounce."""
-    z = state.z
+def decide(tables: Tables, state: State, sample_input: Numbers, sample_output: Numbers) -> State:
+    """Take a valid sample: residuals, relays with hysteresis or tests, debounce."""
+    generators, z = tables["generators"], state.z
     if state.sample is None:
         z = tuple(start_generator(generator, sample_output) for generator in generators)
     relay, debounce, active = list(state.relay), list(state.debounce), list(state.active)
+    away, evidence = list(state.away), list(state.evidence)
     for g, generator in enumerate(generators):
-        relay[g] = is_quiet(generator, z[g], relay[g], sample_input, sample_output)
+        residual = residuals(generator, z[g], sample_input, sample_output)
+        relay[g], evidence[g] = judge(tables, generator, residual, relay[g], evidence[g])
         debounce[g] = debounce[g] + 1 if relay[g] != active[g] else 0
         if debounce[g] >= (generator["on_ticks"] if relay[g] else generator["off_ticks"]):
             active[g], debounce[g] = relay[g], 0
+        away[g] = 0 if active[g] else min(away[g] + 1, tables["patience"])
     return state._replace(
         sample=(sample_input, sample_output),
         z=z,
         relay=tuple(relay),
         debounce=tuple(debounce),
         active=tuple(active),
+        away=tuple(away),
+        evidence=tuple(evidence),
     )
 
 
-def is_quiet(generator: Tables, z: Numbers, on: bool, sample_input: Numbers, sample_output: Numbers) -> bool:
-    """Return whether the relay is on after this sample: a small residual switches it on, a large one off."""
+def residuals(generator: Tables, z: Numbers, sample_input: Numbers, sample_output: Numbers) -> Numbers:
+    """Return the residual of one generator, by output; 0 where it has none."""
+    return affine(generator["residual_rows"], generator["residual_offset"], z + sample_input + sample_output)
+
+
+def judge(tables: Tables, generator: Tables, residual: Numbers, on: bool, evidence: Numbers) -> tuple[bool, Numbers]:
+    """Return whether the relay is on after this sample, and the evidence of a test."""
+    if tables["decision"] == "sprt":
+        return weigh_sequence(tables, generator, residual, on, evidence)
+    if tables["decision"] == "glr":
+        return weigh_window(tables["limits"], generator, residual, evidence)
+    return is_quiet(generator, residual, on), evidence
+
+
+def is_quiet(generator: Tables, residual: Numbers, on: bool) -> bool:
+    """Return whether all residuals are small: below the upper level of the relay while it is on, else the lower."""
     limit = generator["release"] if on else 1.0
-    residuals = affine(generator["residual_rows"], generator["residual_offset"], z + sample_input + sample_output)
-    for residual, weight in zip(residuals, generator["weight"], strict=True):
-        size = residual if residual >= 0.0 else -residual
+    for value, weight in zip(residual, generator["weight"], strict=True):
+        size = value if value >= 0.0 else -value
         if not size * weight <= limit:
             return False
     return True
+
+
+def square(vector: Numbers) -> float:
+    """Return |vector|²."""
+    total = vector[0] * vector[0]
+    for value in vector[1:]:
+        total = total + value * value
+    return total
+
+
+def weigh_sequence(
+    tables: Tables, generator: Tables, residual: Numbers, on: bool, evidence: Numbers
+) -> tuple[bool, Numbers]:
+    """Add a sample to the log-likelihood ratio of "not this location" to "this one"; a decision begins it again."""
+    slope, offset, lower, upper = generator["test"]
+    total = evidence[0] + (slope * square(affine(generator["whitening"], generator["unbiased"], residual)) - offset)
+    if not total < upper:
+        return False, tables["evidence"]
+    return (True, tables["evidence"]) if total <= lower else (on, (total,))
+
+
+def weigh_window(limits: Numbers, generator: Tables, residual: Numbers, evidence: Numbers) -> tuple[bool, Numbers]:
+    """Compare the sums of the last 1, 2, ... residuals with their limits; the evidence is these residuals."""
+    width = len(residual)
+    recent = affine(generator["whitening"], generator["unbiased"], residual) + evidence[:-width]
+    total, quiet = generator["unbiased"], True
+    for number, limit in enumerate(limits):
+        latest = recent[number * width : (number + 1) * width]
+        total = tuple(first + second for first, second in zip(total, latest, strict=True))
+        quiet = quiet and square(total) <= limit
+    return bool(quiet), recent
 
 
 def track(tables: Tables, state: State, event: int, before: Flags) -> tuple[State, int, bool]:
@@ -192,6 +248,9 @@ def track(tables: Tables, state: State, event: int, before: Flags) -> tuple[Stat
     elif not moved and timeout != -1 and state.silence == tables["window_ticks"]:
         inconsistent = timeout < 0
         state = move(tables, state, tables["restart"] if inconsistent else timeout)
+    elif not moved and is_refuted(tables, state):
+        inconsistent = True
+        state = move(tables, state, tables["restart"])
     return state, signature, inconsistent
 
 
@@ -203,14 +262,17 @@ def listen(tables: Tables, state: State, before: Flags) -> tuple[int, int, int]:
     blocked = -1
     lately = allowed(state.command_age, tables["window_ticks"])
     for signature, own, quiet, target in tables["tracker"].candidates(state.tracker, lately):
-        holds = not any(state.active[g] for g in quiet)
+        holds = are_excluded(tables, state, quiet)
         if own >= 0:
             holds = holds and state.active[own] and not state.stale[own]
             if target == state.tracker:  # a self-loop: the residual was small, left, and has come back just now
                 holds = holds and state.seen[own] and not before[own] and state.silence > 0
-        else:  # a negation: generators that had no time to become active are no evidence
+        elif tables["decision"] == "relay":  # a negation: generators that had no time to become active are no evidence
             settled = state.silence == tables["window_ticks"]
             holds = holds and (settled or any(state.seen[g] for g in quiet))
+        elif not is_alone(tables, state, quiet):  # a negation of all others: it has had the time to become active
+            named = own_generator(tables, target)
+            holds = holds and (named < 0 or state.active[named])
         if holds and signature != state.fired:
             return target, signature, signature
         if holds:
@@ -223,6 +285,46 @@ def settle(tables: Tables, state: State) -> State:
     out = tables["window_ticks"] + 1
     ages = tuple(age if age <= tables["command_slack"] else out for age in state.command_age)
     return state._replace(command_age=ages)
+
+
+def own_generator(tables: Tables, tracker: int) -> int:
+    """Return the generator of the location that a tracker state identifies, -1 where there is none."""
+    location = tables["tracker"].known(tracker)[0]
+    return int(tables["own"][location]) if location >= 0 else -1
+
+
+def is_alone(tables: Tables, state: State, quiet: tuple[int, ...]) -> bool:
+    """Return whether nothing but the identified location need be excluded, which was entered long ago."""
+    own = own_generator(tables, state.tracker)
+    return len(quiet) == 1 and quiet[0] == own and state.silence >= tables["exclude_ticks"]
+
+
+def are_excluded(tables: Tables, state: State, quiet: tuple[int, ...]) -> bool:
+    """Return whether the plant is in none of the locations of these generators.
+
+    A transient after an entry lasts less than `exclude_ticks`: a generator that has been away for longer has not just
+    been entered, and the one of the identified location alone need not be waited for.
+    """
+    if tables["decision"] == "relay":
+        return not any(state.active[g] for g in quiet)
+    if is_alone(tables, state, quiet):
+        return not state.active[quiet[0]]
+    return all(state.away[g] >= tables["exclude_ticks"] for g in quiet)
+
+
+def is_doubted(tables: Tables, state: State) -> bool:
+    """Return whether the identified location explains the samples no more, so that it is not told."""
+    own = own_generator(tables, state.tracker)
+    if tables["decision"] == "relay" or own < 0 or state.active[own]:
+        return False
+    return state.seen[own] or state.silence >= tables["exclude_ticks"]
+
+
+def is_refuted(tables: Tables, state: State) -> bool:
+    """Return whether the identified location has been away so long that the way it was left should have shown."""
+    own = own_generator(tables, state.tracker)
+    settled = tables["decision"] != "relay" and own >= 0 and state.silence == tables["window_ticks"]
+    return settled and state.away[own] == tables["patience"]
 
 
 def move(tables: Tables, state: State, tracker: int) -> State:

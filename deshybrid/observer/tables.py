@@ -13,6 +13,8 @@ meets -LARGEST <= v <= LARGEST (so neither NaN nor infinite); the held sample (u
    Relay: on while |r_c| · weight_c <= limit in every channel c; limit is 1 to switch on, `release` to stay on (a NaN
    switches it off).  Debounce: a generator becomes active after `on_ticks` consecutive ticks with the relay on,
    inactive after `off_ticks` consecutive ticks with it off.  At an invalid sample relay, debounce and activity stay.
+   With another decision than the relay: `exclusion` keeps it, `sprt` and `glr` switch by a test of r instead (below),
+   and `away` counts the valid ticks for which a generator has not been active, up to `patience_ticks`.
 3. Commands: `age` of each value = ticks since it was on, 0 at a tick that brings it (or does not tell the command).
    A move that is seen at a tick may have happened while a value was on that is at most `command_slack` ticks old for an
    event, `window_ticks` for a signature.  A move by either puts older values to `window_ticks` + 1.
@@ -31,25 +33,38 @@ meets -LARGEST <= v <= LARGEST (so neither NaN nor infinite); the held sample (u
    the tick at which its generator becomes active again: it is in `seen`, was not active a tick ago, and `silence` > 0.
    The signature that fired last does not hold again before, at some tick's step (b), its condition was false or it was
    no candidate.
+   With another decision than the relay a candidate asks more of its `quiet` generators: each must have been away for
+   `exclude_ticks`; where the generator of the identified location is the only one, it is enough that it is not active
+   and that `silence` has reached these ticks.  A negation needs no other evidence in this latter case; else the
+   generator of the location that its target identifies, if there is one, must be active.
    (c) Without a move in (a) and (b), a state with `timeout_target` /= -1 and `silence` = `window_ticks` moves there
-   (-2: inconsistent, to `restart`).
+   (-2: inconsistent, to `restart`).  With another decision than the relay, the tick is inconsistent and the state moves
+   to `restart` too where neither (a) nor (b) nor a timeout moved it, the location is identified, `silence` =
+   `window_ticks`, and its own generator has been away for `patience_ticks`: it was named wrongly, or left for a
+   location that nothing shows.
 4. At each move, into an identified state (location j): with `flow` = i >= 0, x := R1 x + R0 of `reset_index[i][j]`
    where that is >= 0; `flow` becomes j, or -1 where j has no continuous observer.  Into a provisional state `flow`
    stays, into any other it becomes -1 (x is held).  Before the first tick the rule is that of a move into `initial`.
 
 Status: `inconsistent` if the tick was, else `invalid` if the sample was, else by the state: `identified`, `provisional`
-or `searching`.
+or `searching`.  With another decision than the relay, an identified location whose generator is not active, but is in
+`seen` or `silence` has reached `exclude_ticks`, is not told: the status is `provisional`.
+
+Tests: ν = whitening r is white with unit covariance in the own location.  `sprt` adds slope |ν|² - offset to a sum: at
+`upper` or above the relay goes off, at `lower` or below it goes on, both put the sum back to 0.  `glr`: with S_N = the
+sum of the last N values of ν (0 before the first), the relay is on while |S_N|² <= limits[N - 1] for every N.
 
 Arithmetic: every component is one sum from left to right that starts from its first product: the products with z (or x)
 in order of the columns, then those with u, then those with y, then the offset.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from deshybrid.linear.arrays import FloatArray
+from deshybrid.model.system import Decision
 from deshybrid.observer.online import OnlineTracker
 from deshybrid.observer.tabulated import TabulatedTracker
 
@@ -105,6 +120,27 @@ class GeneratorTables:
         return int(self.matrix.shape[1])
 
 
+def _none() -> FloatArray:
+    return np.zeros((0, 0, 0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DecisionTables:
+    """How residuals become decisions; for the `relay` all but `kind` is empty.
+
+    1 <= `exclude_ticks` <= `window_ticks` < `patience_ticks`.  For the tests, whitening
+    (G, p, p), zero where the location does not measure a channel; `test` (G, 4): slope, offset, lower, upper of `sprt`;
+    `limits` (W,) of `glr`, one for each number of samples.
+    """
+
+    kind: Decision = "relay"
+    exclude_ticks: int = 0
+    patience_ticks: int = 0
+    whitening: FloatArray = field(default_factory=_none)
+    test: FloatArray = field(default_factory=_none)
+    limits: FloatArray = field(default_factory=_none)
+
+
 @dataclass(frozen=True, slots=True)
 class Candidate:
     """A signature the tracker listens for in one state."""
@@ -155,6 +191,7 @@ class StepTables:
     online: OnlineTracker | None = None  # its states are bit masks, `initial` and `restart` too
     commands: tuple[tuple[str, tuple[str, ...]], ...] = ()  # names and values
     command_slack: int = 0  # ticks before the one at which an event is seen, whose commands may have been on at it
+    decision: DecisionTables = DecisionTables()
 
 
 def plain_tables(tables: StepTables) -> dict[str, object]:
@@ -163,8 +200,15 @@ def plain_tables(tables: StepTables) -> dict[str, object]:
     A row holds the coefficients of one component in the order of its sum: state (or z), input, output.  A generator is
     a mapping of its own; "tracker" answers for tracker states, by a table or on line.
     """
-    flow = tables.flow
+    flow, decision = tables.flow, tables.decision
+    own = tables.generators.locations
     return {
+        "decision": decision.kind,
+        "exclude_ticks": decision.exclude_ticks,
+        "patience": decision.patience_ticks,
+        "limits": _plain(decision.limits) if decision.kind == "glr" else (),
+        "evidence": (0.0,) * evidence_size(tables),
+        "own": tuple(own.index(i) if i in own else -1 for i in range(len(tables.location_names))),
         "initial": tables.initial,
         "restart": tables.restart,
         "events": len(tables.event_names),
@@ -176,14 +220,21 @@ def plain_tables(tables: StepTables) -> dict[str, object]:
         "reset_index": tables.reset_index,
         "reset_rows": _plain(tables.reset_matrix),
         "reset_offset": _plain(tables.reset_offset),
-        "generators": tuple(_plain_generator(tables.generators, g) for g in range(len(tables.generators.locations))),
         "commands": tuple(len(values) for _, values in tables.commands),
         "command_slack": tables.command_slack,
+        "generators": tuple(_plain_generator(tables, g) for g in range(len(own))),
         "tracker": tables.online or _plain_tracker(tables),
     }
 
 
-def _plain_generator(generators: GeneratorTables, g: int) -> dict[str, object]:
+def evidence_size(tables: StepTables) -> int:
+    """Return how many numbers the decision remembers per generator: the sum of `sprt`, the window of `glr`."""
+    return {"sprt": 1, "glr": len(tables.decision.limits) * len(tables.output_names)}.get(tables.decision.kind, 0)
+
+
+def _plain_generator(tables: StepTables, g: int) -> dict[str, object]:
+    generators, decision = tables.generators, tables.decision
+    tested = decision.kind in ("sprt", "glr")
     rows = np.concatenate((generators.matrix[g], generators.input[g], generators.output[g]), axis=1)
     parts = (generators.residual_state[g], generators.residual_input[g], generators.residual_output[g])
     return {
@@ -197,6 +248,9 @@ def _plain_generator(generators: GeneratorTables, g: int) -> dict[str, object]:
         "release": float(generators.release[g]),
         "on_ticks": generators.on_ticks[g],
         "off_ticks": generators.off_ticks[g],
+        "whitening": _plain(decision.whitening[g]) if tested else (),
+        "unbiased": (0.0,) * len(tables.output_names) if tested else (),
+        "test": _plain(decision.test[g]) if decision.kind == "sprt" else (),
     }
 
 

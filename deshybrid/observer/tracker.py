@@ -88,12 +88,14 @@ def choose_tracker(
     signatures_are_events: bool = False,
     guaranteed: frozenset[str] = frozenset(),
     needs: CommandNeeds = NO_COMMANDS,
+    generators: tuple[str, ...] | None = None,
     max_states: int = MAX_TABLE,
 ) -> Tracker:
     """Return the tracker as a table of up to `max_states` states, else the on-line tracker, whose states are bit masks.
 
     Both give the same estimates; where commands are known it is always the second.  `guaranteed`: as for
-    `build_tracker`; `needs`: of commands.
+    `build_tracker`; `needs`: of commands; `generators`: the locations that have one, in the order of their numbers;
+    those of the plan where not given.
 
     >>> from deshybrid.des.signatures import recover_observability
     >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", "β")])
@@ -101,7 +103,7 @@ def choose_tracker(
     >>> tracker.states, bin(tracker.initial), bin(tracker.online.after_event(tracker.initial, 0))
     ((), '0b11', '0b10')
     """
-    moves = _Moves(plan, signatures_are_events, guaranteed, needs)
+    moves = _Moves(plan, signatures_are_events, guaranteed, needs, generators=generators)
     if not needs.commands:
         with suppress(LimitReached):
             return _tabulated(moves, max_states)
@@ -143,9 +145,16 @@ class _Moves:
     """The moves of a plan's locations by what is seen, and the names of what is seen."""
 
     def __init__(
-        self, plan: SignaturePlan, signatures_are_events: bool, guaranteed: frozenset[str], needs: CommandNeeds
+        self,
+        plan: SignaturePlan,
+        signatures_are_events: bool,
+        guaranteed: frozenset[str],
+        needs: CommandNeeds,
+        *,
+        generators: tuple[str, ...] | None = None,
     ) -> None:
         self.plan, self.needs = plan, needs
+        self.generators = plan.generators if generators is None else generators
         self.des = plan.complementary or plan.des
         self.place = {name: number for number, name in enumerate(self.des.locations)}
         carried = (t.signature for t in self.des.transitions if t.signature is not None)  # also of several detectors
@@ -183,7 +192,7 @@ class _Moves:
     def _online(self, waiting: tuple[tuple[int, int], ...], guaranteed: frozenset[str]) -> OnlineTracker:
         plan, heard = self.plan, [Output(None, name) for name in self.heard]
         found = [self._token(output) for output in (*self.events.values(), *heard)]
-        generator = {name: number for number, name in enumerate(plan.generators)}
+        generator = {name: number for number, name in enumerate(self.generators)}
         own = (generator[s.location] if s.by == "residual" else NONE for s in plan.signatures)
         persistent = set(plan.report.persistent)
         return OnlineTracker(

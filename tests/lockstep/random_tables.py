@@ -1,14 +1,23 @@
 """Random `StepTables` of every small size, zero included: what no model made, but every emitter must print."""
 
 import random
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.abstraction import discrete_model
+from deshybrid.model.system import Decision
 from deshybrid.observer.hybrid import command_needs
-from deshybrid.observer.tables import Candidate, FlowTables, GeneratorTables, StepTables, TrackerState
+from deshybrid.observer.tables import (
+    Candidate,
+    DecisionTables,
+    FlowTables,
+    GeneratorTables,
+    StepTables,
+    TrackerState,
+)
 from deshybrid.observer.tracker import choose_tracker
 from tests.strategies import random_plan
 
@@ -68,6 +77,24 @@ def tables_of_plan(
         command_slack=int(not as_events),
         **numbers,
     )
+
+
+def with_decision(tables: StepTables, kind: Decision, seed: int) -> StepTables:
+    """Return the same tables with another decision, of random numbers; as they are without residual generators."""
+    count, p, draw = len(tables.generators.locations), len(tables.output_names), random.Random(seed)
+    if not count:
+        return tables
+    whitening = np.array([draw.gauss(0.0, 0.5) for _ in range(count * p * p)]).reshape((count, p, p))
+    levels = [[0.5, 0.4 * draw.random() * p, -1.0 - draw.random(), 2.0 + draw.random()] for _ in range(count)]
+    decision = DecisionTables(
+        kind=kind,
+        exclude_ticks=1 + draw.randrange(tables.window_ticks),
+        patience_ticks=tables.window_ticks + 1,
+        whitening=whitening,
+        test=np.array(levels),
+        limits=np.array([2.0 * (n + 1) * (0.5 + draw.random()) for n in range(1 + draw.randrange(4))]),
+    )
+    return replace(tables, decision=decision)
 
 
 def _numbers(

@@ -1,6 +1,5 @@
 """What the detector promises, on random plants under bounded inputs, disturbances and measurement errors."""
 
-from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -11,39 +10,20 @@ from deshybrid.des.signatures import SignaturePlan, recover_observability
 from deshybrid.detector.candidates import signature_candidates
 from deshybrid.detector.detector import build_detector
 from deshybrid.linear.arrays import frozen_array
-from deshybrid.linear.dynamics import LinearDynamics
 from deshybrid.model.abstraction import abstract
 from deshybrid.model.system import (
     AffineReset,
     Bounds,
     HybridSystem,
     HybridTransition,
-    Location,
     SignatureCandidate,
     SignatureOptions,
 )
 from deshybrid.observer import reference
 from deshybrid.observer.hybrid import HybridObserver, build_observer
-from tests.plants import drive
+from tests.plants import drive, jumping, random_location
 
 STEP = 0.02
-
-
-def random_location(rng: np.random.Generator, name: str) -> Location:
-    """A stable location with two states, one input, `y2` or both outputs, offsets and feedthrough."""
-    p = int(rng.integers(1, 3))
-    A = rng.normal(size=(2, 2))
-    A -= (np.abs(np.linalg.eigvals(A)).max() + rng.uniform(0.2, 2.0)) * np.eye(2)
-    dynamics = LinearDynamics(
-        A=frozen_array(A, (2, 2)),
-        B=frozen_array(rng.normal(size=(2, 1)), (2, 1)),
-        C=frozen_array(rng.normal(size=(p, 2)), (p, 2)),
-        D=frozen_array(0.3 * rng.normal(size=(p, 1)), (p, 1)),
-        E=frozen_array(rng.normal(size=(2, 1)), (2, 1)),
-        f=frozen_array(0.2 * rng.normal(size=2), (2,)),
-        g=frozen_array(0.2 * rng.normal(size=p), (p,)),
-    )
-    return Location(name, dynamics, input_index=(0,), output_index=(0, 1) if p == 2 else (1,))
 
 
 def random_system(rng: np.random.Generator) -> HybridSystem:
@@ -73,11 +53,6 @@ def random_system(rng: np.random.Generator) -> HybridSystem:
 
 def plan_of(system: HybridSystem, des: DES) -> SignaturePlan:
     return recover_observability(des, tuple(c.candidate for c in signature_candidates(system, des)))
-
-
-def jumping(rng: np.random.Generator, limits: list[float]) -> Callable[[float], list[float]]:
-    """Random signs at full size: bounded, and as rough as a sampled signal can be."""
-    return lambda time: [float(limit * rng.choice([-1.0, 1.0])) for limit in limits]
 
 
 @cache

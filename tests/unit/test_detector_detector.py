@@ -53,7 +53,9 @@ def test_one_generator_for_each_location_that_the_plan_names() -> None:
 
 
 def test_what_the_model_states_is_taken() -> None:
-    detector = detector_of("threshold: {p: [0.5], q: [0.25]}, release: 3, debounce: 0.035, window: 0.2")
+    detector = detector_of(
+        "decision: relay, threshold: {p: [0.5], q: [0.25]}, release: 3, debounce: 0.035, window: 0.2"
+    )
     assert [threshold.level.tolist() for threshold in detector.thresholds] == [[0.5], [0.25]]
     assert {threshold.source for threshold in detector.thresholds} == {"stated"}
     assert (detector.release, detector.on_ticks, detector.off_ticks) == (3.0, (4, 4), (1, 1))
@@ -61,7 +63,7 @@ def test_what_the_model_states_is_taken() -> None:
 
 
 def test_defaults_lie_above_what_the_bounds_allow_and_wait_for_one_time_constant() -> None:
-    detector = detector_of()
+    detector = detector_of("decision: relay")
     for threshold in detector.thresholds:
         assert (threshold.level > threshold.steady).all()
         assert threshold.guaranteed
@@ -104,7 +106,7 @@ def test_a_delay_says_which_residuals_must_have_left_and_that_this_needs_excitat
 
 
 def test_a_negation_has_no_bound_and_says_why() -> None:
-    detector = detector_of(text=MODEL.replace("q: {by: residual}", "q: {by: negation}"))
+    detector = detector_of("decision: relay", text=MODEL.replace("q: {by: residual}", "q: {by: negation}"))
     assert [generator.location.name for generator in detector.generators] == ["p"]
     assert detector.delays["q"].seconds is None
     assert "x = 0, u = 0" in detector.delays["q"].reason

@@ -1,0 +1,114 @@
+"""How residuals become decisions: the paper's relays, or exclusion of every alternative.
+
+- `relay`: a location is named when its relay is on and those of the alternatives are off.  A small residual is taken
+  for a proof, which it is not: free states that nothing measures can take up the difference.
+- `exclusion`: a location is named when every alternative has been *excluded* for H samples: its residual was beyond
+  what the bounds on disturbance and measurement error allow in that location.  H is the longest time, over all
+  generators, that the transient of an entry can last, from the worst mismatch that the bounds allow.  A location that
+  is named and explains nothing more is told no longer; after the window it is given up and the search begins again.
+
+Why a name is then true: suppose that the plant is in c, an alternative, entered at t_c, when another location is named
+at t.  Its residual is within its bound from t_c + H on, so t < t_c + H.  Before t_c the plant was in an alternative c'
+(or in the location that is named, which is then named late); it had been there for a dwell time D >= H, so c' was not
+excluded at the last sample before t_c, which is one of the last H: a contradiction.  At the start H is waited for.
+
+In: a hybrid system and the parts of its detector.  Out: a `DecisionDesign`.  Cost: that of `levels.settling`.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from deshybrid.detector.levels import Part, settling
+from deshybrid.diagnostics import UsageError, diagnostic
+from deshybrid.model.system import Decision, HybridSystem
+
+
+class DecisionWish(NamedTuple):
+    """What is wanted of the decision: `stated` by the model, or the default, for the reason given."""
+
+    kind: Decision
+    stated: bool
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DecisionDesign:
+    """How a detector decides; `exclude_ticks` is H in samples, 0 for the relay."""
+
+    kind: Decision
+    reason: str
+    exclude_ticks: int = 0
+
+
+def wanted_decision(system: HybridSystem) -> DecisionWish:
+    """Return what the model states, else exclusion where its bounds make it possible, else the relay.
+
+    >>> from deshybrid.model.load import loads
+    >>> wanted_decision(loads('''
+    ... {format: deshybrid/1, name: lamp, locations: [on], transitions: [{from: on, to: on, event: blink}]}
+    ... '''))
+    DecisionWish(kind='relay', stated=False, reason='the model has no continuous state')
+    """
+    stated = system.observer.detector.decision
+    if stated is not None:
+        return DecisionWish(stated, True, "stated by the model")
+    if system.is_discrete:
+        return DecisionWish("relay", False, "the model has no continuous state")
+    lacking = _lacking(system)
+    if lacking:
+        return DecisionWish("relay", False, f"{lacking}, so no location can be excluded")
+    return DecisionWish("exclusion", False, "the bounds of the model make it possible")
+
+
+def _lacking(system: HybridSystem) -> str:
+    bounds = system.bounds
+    needed = {
+        "state": bounds.state is None,
+        "input": bounds.input is None and bool(system.input_names),
+        "disturbance": bounds.disturbance is None and bool(system.disturbance_names),
+        "measurement": bounds.measurement is None,
+    }
+    missing = [name for name, is_missing in needed.items() if is_missing]
+    if missing:
+        return f"the model states no bound for {' and '.join(missing)}"
+    blind = [q.name for q in system.locations if q.dynamics is None or not q.dynamics.C.any()]
+    return f"location `{blind[0]}` measures nothing" if blind else ""
+
+
+def judged_locations(system: HybridSystem, plan_generators: tuple[str, ...], kind: Decision) -> tuple[str, ...]:
+    """Return the locations that need a generator: exclusion judges all of them, those of the plan come first.
+
+    >>> from deshybrid.model.load import load
+    >>> judged_locations(load("models/two_tank.yaml"), ("drain",), "exclusion")
+    ('drain', 'fill')
+    """
+    others = (location.name for location in system.locations) if kind == "exclusion" else ()
+    return tuple(dict.fromkeys((*plan_generators, *others)))
+
+
+def design_decision(
+    system: HybridSystem, wish: DecisionWish, parts: tuple[Part, ...], *, dwell: float | None
+) -> DecisionDesign:
+    """Return the decision of a detector with these parts; dwell in seconds, None where the model states none.
+
+    Where exclusion is only the default and cannot be had, or takes longer than a stay, it is the relay instead, and
+    `reason` says why.  Raises `UsageError` (DH0614) where the model states a decision that cannot be had.
+    """
+    if wish.kind == "relay" or not parts:
+        return DecisionDesign("relay", wish.reason)
+    lasting = [settling(system, part) for part in parts]
+    endless = [part.generator.location.name for part, ticks in zip(parts, lasting, strict=True) if ticks is None]
+    if endless:
+        why = f"nothing bounds how long the residual of `{endless[0]}` takes to settle"
+        if wish.stated:
+            helps = ("state all `bounds`, and thresholds above the residual that they allow",)
+            raise UsageError(diagnostic("DH0614", f"the detector cannot decide by exclusion: {why}", helps=helps))
+        return DecisionDesign("relay", f"{why}, so no location can be excluded")
+    ticks = max((0 if last is None else last) + part.on_ticks for part, last in zip(parts, lasting, strict=True))
+    seconds = ticks * parts[0].generator.step
+    if not wish.stated and dwell is not None and seconds > dwell:
+        return DecisionDesign("relay", f"an exclusion would take {seconds:.3g} s, longer than a stay of {dwell:.3g} s")
+    return DecisionDesign("exclusion", f"{wish.reason}; sound where every stay lasts at least {seconds:.3g} s", ticks)
+
+
+__all__ = ["DecisionDesign", "DecisionWish", "design_decision", "judged_locations", "wanted_decision"]
