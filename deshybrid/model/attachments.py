@@ -29,7 +29,7 @@ def read_array(folder: Path | None, file: str, key: str, file_span: Span, key_sp
     import zipfile
     import zlib
 
-    path = _path(folder, file, file_span)
+    path = path_inside(folder, file, file_span, (".npz",))
     try:
         with zipfile.ZipFile(path) as archive:
             return _array(archive, key, key_span)
@@ -38,10 +38,11 @@ def read_array(folder: Path | None, file: str, key: str, file_span: Span, key_sp
         raise ModelError(diagnostic("DH0115", text, file_span, " ".join(str(error).split())[:100])) from None
 
 
-def _path(folder: Path | None, file: str, span: Span) -> Path:
+def path_inside(folder: Path | None, file: str, span: Span, suffixes: tuple[str, ...]) -> Path:
+    """Return the path of a file of the model's folder; raises `ModelError` (DH0114) where there is none such."""
     if folder is None:
         text = "a file can be referred to only from a model file, whose folder it lies in"
-        raise ModelError(diagnostic("DH0114", text, span, helps=("write the numbers into the model",)))
+        raise ModelError(diagnostic("DH0114", text, span, helps=("write all into the model",)))
     if "\\" in file or ":" in file or Path(file).is_absolute() or ".." in Path(file).parts:
         raise ModelError(_outside(file, span))
     try:
@@ -51,8 +52,8 @@ def _path(folder: Path | None, file: str, span: Span) -> Path:
         raise ModelError(diagnostic("DH0114", f"there is no file `{file}` in the model's folder", span)) from None
     if not inside:
         raise ModelError(_outside(file, span))
-    if not path.is_file() or path.suffix != ".npz":
-        raise ModelError(diagnostic("DH0114", f"`{file}` is not a .npz file", span))
+    if not path.is_file() or path.suffix not in suffixes:
+        raise ModelError(diagnostic("DH0114", f"`{file}` is not a {' or '.join(suffixes)} file", span))
     return path
 
 

@@ -281,6 +281,7 @@ MODEL = Record(
     "a model file of deshybrid",
     (
         Key("format", Word((FORMAT,)), "the version of this language", required=True),
+        Key("extends", Text(), "a file of the same folder: this one has all of it that it does not write itself"),
         Key("name", Name("model", declares=True), "a short name; the file's name where not written"),
         Key("summary", Text(), "one sentence"),
         Key("source", Text(), "where the numbers come from"),

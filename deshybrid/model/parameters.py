@@ -50,7 +50,7 @@ def parameter_text(source: SourceModel, written: Mapping[str, str]) -> str:
     'parameters: {k: 3.25, b: 2*k}  # made up'
     """
     lines = source.text.text.split("\n")
-    places = sorted(((_written(source, name).span, text) for name, text in written.items()), key=_order, reverse=True)
+    places = sorted(((_written_here(source, name), text) for name, text in written.items()), key=_order, reverse=True)
     for span, text in places:
         line, begin = lines[span.line - 1], span.column - 1
         lines[span.line - 1] = line[:begin] + text + line[begin + span.length :]
@@ -74,8 +74,16 @@ def _written(source: SourceModel, name: str) -> ScalarNode:
     return entry.value
 
 
+def _written_here(source: SourceModel, name: str) -> Span:
+    """The place of a parameter in the text of the file itself, not of one that it extends."""
+    span = _written(source, name).span
+    if span.source is not source.text:
+        raise UsageError(_unreplaceable(name, span))
+    return span
+
+
 def _unreplaceable(name: str, span: Span) -> Diagnostic:
-    helps = ("write the parameter as one number or expression on one line, without an anchor",)
+    helps = ("write the parameter in this file, as one number or expression on one line, without an anchor",)
     return diagnostic("DH0731", f"the number of parameter `{name}` cannot be replaced", span, helps=helps)
 
 

@@ -54,6 +54,8 @@ def json_schema() -> Schema:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "deshybrid model",
         **_record(MODEL),
+        "required": ["format"],
+        "anyOf": [{"required": ["locations"]}, {"required": ["extends"]}],
     }
     shared: Schema = {
         "name": {"type": ["string", "number", "boolean"], "description": "a name, taken as the text written"},

@@ -2,17 +2,24 @@
 
 In: a path, standard input, or a text.  Out: `SourceModel`.  The text is checked before it is parsed: size, UTF-8,
 control characters; line ends become "\\n".  Nothing of the file is ever evaluated or turned into Python objects.
+
+A file that `extends` another one of its folder has everything of that file that it does not write itself: mappings are
+joined key by key, all else replaces what was there.  Every node keeps its place, be it in the one file or in the other.
 """
 
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 
 from deshybrid.diagnostics import ModelError, SourceText, Span, diagnostic
+from deshybrid.model.attachments import path_inside
 from deshybrid.model.reader import FORBIDDEN, read_tree
-from deshybrid.model.tree import MappingNode, Node, form_of
+from deshybrid.model.tree import Entry, MappingNode, Node, ScalarNode, form_of
 
 MOST_BYTES = 8 * 2**20
+MOST_EXTENDED = 8
+_SUFFIXES = (".yaml", ".yml", ".json")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,7 +27,7 @@ class SourceModel:
     """A model file as read: `text` with its name, `tree` with a place at every node, `folder` for attached arrays.
 
     `folder` is None where the text came from standard input or from Python; attached arrays are then refused.
-    `data` are the bytes as they were read; `sha256` tells two files apart.
+    `data` are the bytes as they were read, those of extended files behind them; `sha256` tells two models apart.
     """
 
     text: SourceText
@@ -54,7 +61,8 @@ class SourceModel:
 def read_source(path: str | Path) -> SourceModel:
     """Read a model file; "-" is standard input.
 
-    Raises `ModelError`: DH0104 (no such file, not readable), DH0105 (larger than 8 MiB), and all of `parse_source`.
+    Raises `ModelError`: DH0104 (no such file, not readable), DH0105 (larger than 8 MiB), DH0114 (a file that it extends
+    is not there), and all of `parse_source`.
     """
     data, name = read_bytes(path)
     return _parse(checked_text(data, name), data, None if str(path) == "-" else Path(name).parent)
@@ -132,7 +140,7 @@ def _clean(text: str, name: str) -> SourceText:
     return source
 
 
-def _parse(source: SourceText, data: bytes, folder: Path | None) -> SourceModel:
+def _parse(source: SourceText, data: bytes, folder: Path | None, *, extended: int = 0) -> SourceModel:
     tree = read_tree(source)
     if not isinstance(tree, MappingNode):
         helps = ("begin with `format: deshybrid/1`",)
@@ -141,7 +149,30 @@ def _parse(source: SourceText, data: bytes, folder: Path | None) -> SourceModel:
                 "DH0113", "a model file is a mapping of keys", tree.span, f"{form_of(tree)} is here", helps=helps
             )
         )
-    return SourceModel(source, tree, folder, data)
+    named = tree.get("extends")
+    if not isinstance(named, ScalarNode) or named.is_null:
+        return SourceModel(source, tree, folder, data)
+    if extended == MOST_EXTENDED:
+        text = f"more than {MOST_EXTENDED} files extend each other"
+        raise ModelError(diagnostic("DH0114", text, named.span, helps=("a file must not extend itself",)))
+    path = path_inside(folder, named.text, named.span, _SUFFIXES)
+    if Path(named.text).name != named.text:
+        raise ModelError(diagnostic("DH0114", f"`{named.text}` is not in the folder of the model itself", named.span))
+    below, _ = read_bytes(path)
+    base = _parse(checked_text(below, str(path)), below, folder, extended=extended + 1)
+    return SourceModel(source, _over(tree, base.tree), folder, data + base.data)
+
+
+def _over(tree: MappingNode, base: MappingNode) -> MappingNode:
+    """The entries of a tree, and those of its base that it does not write; in the order of the base, new ones last."""
+    entries = dict(base.entries)
+    for key, entry in tree.entries.items():
+        below = base.get(key)
+        if isinstance(below, MappingNode) and isinstance(entry.value, MappingNode):
+            entries[key] = Entry(entry.key, _over(entry.value, below))
+        else:
+            entries[key] = entry
+    return MappingNode(MappingProxyType(entries), tree.span)
 
 
 __all__ = ["MOST_BYTES", "SourceModel", "checked_text", "parse_source", "read_bytes", "read_source"]

@@ -234,9 +234,10 @@ def with_keys_of(whole: str, part: str) -> str:
 
 
 @pytest.mark.parametrize("part", blocks("docs/model-language.md", "yaml"))
-def test_every_model_on_the_page_of_the_model_language_loads(part: str) -> None:
+def test_every_model_on_the_page_of_the_model_language_loads(part: str, tmp_path: Path) -> None:
     whole = blocks("docs/model-language.md", "yaml")[0]
-    system = loads(part if part.startswith("format:") else with_keys_of(whole, part))
+    (tmp_path / "tank.yaml").write_text(whole, encoding="utf-8")
+    system = loads(part if part.startswith("format:") else with_keys_of(whole, part), folder=tmp_path)
     assert system.locations
 
 
