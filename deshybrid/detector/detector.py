@@ -19,8 +19,9 @@ from types import MappingProxyType
 from deshybrid.des.signatures import SignaturePlan
 from deshybrid.detector.decision import DecisionDesign, design_decision, judged_locations, wanted_decision
 from deshybrid.detector.delays import DetectionDelay, delay_warnings, detection_delays, waiting_window
+from deshybrid.detector.designs import design_generator
 from deshybrid.detector.levels import DetectionThreshold, Part, build_part, settling
-from deshybrid.detector.residual import ResidualGenerator, build_generator
+from deshybrid.detector.residual import ResidualGenerator
 from deshybrid.diagnostics import Diagnostic, GainError, UsageError, diagnostic, raise_all
 from deshybrid.model.system import Decision, HybridSystem, Location
 
@@ -146,7 +147,7 @@ def _fast_enough(
     """Double the default poles' speed until the guaranteed delay takes half the dwell time, or nothing is gained."""
     best, shortest, speed = None, math.inf, 1.0
     while True:
-        part = build_part(system, build_generator(system, location, rate=rate, dwell=dwell, step=step, speed=speed))
+        part = build_part(system, design_generator(system, location, rate=rate, dwell=dwell, step=step, speed=speed))
         if dwell is None or location.name in system.observer.detector.poles:
             return part
         ticks = settling(system, part)

@@ -9,15 +9,18 @@ whose state follows T x: with T A_d = F T + G C and H T + J C = 0 (and the like 
 obeys e := F e + G v - T (what w does in a step) and r = H e + J v, whatever the step.  A_d is the exact flow over a
 step.  Each row of the residual belongs to one output channel, of which it contains -1.
 
-Here: the Luenberger observer F = A_d - G C, r = C z + D u + g - y, in the observable coordinates of the location: what
-the outputs never show is left out, so it can neither disturb the residual nor make the generator unstable.  G is placed
-on the sampled pair (A_d, C) itself, at e^{pole·h}, so that the residual of the own location decays at the chosen rate.
+What z follows is a `Followed`: T x with T A_d = A T + Y C, seen through W y = C T x.  Any gain L with A - L C stable
+makes a generator of it: F = A - L C, G = Y + L W, r = C z - W y.  Here: the whole observable part (Y = 0, W = 1) with L
+placed, which is the Luenberger observer of the paper.  What the outputs never show is left out, so it can neither
+disturb the residual nor make the generator unstable.  L is placed on the sampled pair itself, at e^{pole·h}, so that
+the residual of the own location decays at the chosen rate.  Other choices: `unknown_input` of T, `trade_off` of L.
 
 Cost: one Kalman decomposition, one matrix exponential and one pole placement per location.
 Source: Balluchi et al. (2012), section 5.1 (Luenberger residual), sampled.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,6 +44,9 @@ class ResidualGenerator:
     Shapes: F (k, k), input (k, m), gain (k, p), offset (k,); H (q, k), through (q, m), J (q, p), residual_offset (q,);
     start (k, p), start_offset (k,); T (k, n), the state that z follows is T x.  `channels`: by row of the residual the
     own output that it belongs to.  `poles` in rad/s.
+
+    `held`: by own output, and last for all inputs, how many samples each is held back before it enters, so that all
+    are of one time; `lag` is the largest, by which the residual is late.  Empty where nothing is.
     """
 
     location: Location
@@ -59,12 +65,38 @@ class ResidualGenerator:
     start_offset: FloatArray
     T: FloatArray
     channels: tuple[int, ...]
+    held: tuple[int, ...] = ()
+
+    @property
+    def lag(self) -> int:
+        """Samples by which the residual is later than the latest sample."""
+        return max(self.held, default=0)
 
     @property
     def time_constant(self) -> float:
         """Seconds in which the slowest mode of the residual decays by a factor e."""
         slowest = max((pole.real for pole in self.poles), default=-1.0 / self.step)
         return -1.0 / slowest
+
+
+class Followed(NamedTuple):
+    """What a generator follows: T x(k+1) = A T x + B u + Y (y - D u - g) + offset, W (y - D u - g) = C T x.
+
+    Shapes: A (k, k), B (k, m), offset (k,), Y (k, p), C (q, k), W (q, p), T (k, n).  `channels`: by row of W the own
+    output whose coefficient in it is one.
+    """
+
+    location: Location
+    dynamics: LinearDynamics
+    step: float
+    A: FloatArray
+    B: FloatArray
+    offset: FloatArray
+    Y: FloatArray
+    C: FloatArray
+    W: FloatArray
+    T: FloatArray
+    channels: tuple[int, ...]
 
 
 def default_poles(
@@ -103,7 +135,13 @@ def build_generator(
     Raises `UsageError` (DH0602) where the stated poles are too few or one hardly decays in 5,000 samples, `GainError`
     (DH0603) where the location measures nothing, (DH0505) where the poles taken are not closed under conjugation.
     """
-    from deshybrid.continuous.placement import place_gain
+    followed = follow(system, location, step)
+    default = default_poles(len(followed.A), rate=rate, dwell=dwell, step=step, speed=speed)
+    return placed_generator(system, followed, default)
+
+
+def follow(system: HybridSystem, location: Location, step: float) -> Followed:
+    """Return the whole observable part of a location, sampled; raises `GainError` (DH0603) where there is none."""
     from deshybrid.linear.observability import kalman_split
 
     dynamics = location.dynamics
@@ -112,32 +150,59 @@ def build_generator(
         raise GainError(diagnostic("DH0603", message, location.span))
     sampled = sampled_dynamics(system, dynamics, step)
     split = kalman_split(dynamics.A, dynamics.C)
-    k = split.observable_dimension
-    embedding, projection = split.transform[:, :k], split.inverse[:k]
-    poles = _poles(system, location, default_poles(k, rate=rate, dwell=dwell, step=step, speed=speed), step)
-    A = projection @ sampled.A @ embedding
-    C = dynamics.C @ embedding
-    # Placed on (A_d - 1)/h, which tends to A for short steps, where A_d itself tends to 1 and loses its digits.
-    gain = step * place_gain((A - np.eye(k)) / step, C, tuple(np.expm1(np.array(poles) * step) / step))
-    start = projection @ np.linalg.pinv(dynamics.C)
-    n, m, p = dynamics.A.shape[0], dynamics.B.shape[1], dynamics.C.shape[0]
-    return ResidualGenerator(
+    k, p = split.observable_dimension, len(dynamics.C)
+    embedding, T = split.transform[:, :k], split.inverse[:k]
+    return Followed(
         location=location,
         dynamics=dynamics,
         step=step,
+        A=T @ sampled.A @ embedding,
+        B=T @ sampled.B,
+        offset=T @ sampled.f,
+        Y=np.zeros((k, p)),
+        C=dynamics.C @ embedding,
+        W=np.eye(p),
+        T=T,
+        channels=tuple(range(p)),
+    )
+
+
+def placed_generator(system: HybridSystem, followed: Followed, default: tuple[complex, ...]) -> ResidualGenerator:
+    """Return the generator whose error decays with the poles that the model states, or with the default ones."""
+    from deshybrid.continuous.placement import place_gain
+
+    step, k = followed.step, len(followed.A)
+    poles = _poles(system, followed.location, default, step)
+    if k == 0:
+        return generator_of(followed, np.zeros((0, len(followed.C))), poles)
+    # Placed on (A - 1)/h, which tends to the plant's own for short steps, where A tends to 1 and loses its digits.
+    wanted = tuple(np.expm1(np.array(poles) * step) / step)
+    return generator_of(followed, step * place_gain((followed.A - np.eye(k)) / step, followed.C, wanted), poles)
+
+
+def generator_of(followed: Followed, gain: FloatArray, poles: tuple[complex, ...]) -> ResidualGenerator:
+    """Return the generator with L = gain (k, q); `poles` (rad/s) are those of A - L C."""
+    dynamics, W, T = followed.dynamics, followed.W, followed.T
+    (q, p), (k, n), m = W.shape, T.shape, dynamics.B.shape[1]
+    whole = followed.Y + gain @ W
+    start = T @ np.linalg.pinv(dynamics.C)
+    return ResidualGenerator(
+        location=followed.location,
+        dynamics=dynamics,
+        step=followed.step,
         poles=poles,
-        F=frozen_array(A - gain @ C, (k, k)),
-        input=frozen_array(projection @ sampled.B - gain @ dynamics.D, (k, m)),
-        gain=frozen_array(gain, (k, p)),
-        offset=frozen_array(projection @ sampled.f - gain @ dynamics.g, (k,)),
-        H=frozen_array(C, (p, k)),
-        through=frozen_array(dynamics.D, (p, m)),
-        J=frozen_array(-np.eye(p), (p, p)),
-        residual_offset=frozen_array(dynamics.g, (p,)),
+        F=frozen_array(followed.A - gain @ followed.C, (k, k)),
+        input=frozen_array(followed.B - whole @ dynamics.D, (k, m)),
+        gain=frozen_array(whole, (k, p)),
+        offset=frozen_array(followed.offset - whole @ dynamics.g, (k,)),
+        H=frozen_array(followed.C, (q, k)),
+        through=frozen_array(W @ dynamics.D, (q, m)),
+        J=frozen_array(-W, (q, p)),
+        residual_offset=frozen_array(W @ dynamics.g, (q,)),
         start=frozen_array(start, (k, p)),
         start_offset=frozen_array(-start @ dynamics.g, (k,)),
-        T=frozen_array(projection, (k, n)),
-        channels=tuple(range(p)),
+        T=frozen_array(T, (k, n)),
+        channels=followed.channels,
     )
 
 
@@ -166,4 +231,13 @@ def _poles(system: HybridSystem, location: Location, default: tuple[complex, ...
     return poles
 
 
-__all__ = ["ResidualGenerator", "build_generator", "default_poles", "sampled_dynamics"]
+__all__ = [
+    "Followed",
+    "ResidualGenerator",
+    "build_generator",
+    "default_poles",
+    "follow",
+    "generator_of",
+    "placed_generator",
+    "sampled_dynamics",
+]

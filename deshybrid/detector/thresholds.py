@@ -143,6 +143,8 @@ def _largest_powers(F: FloatArray) -> FloatArray:
 def settling_ticks(generator: ResidualGenerator, mismatch: FloatArray, margin: FloatArray) -> int | None:
     """Return the number of samples after which |H F^k e| <= margin for ever, for every |e| <= mismatch; None if never.
 
+    The error is that at the first sample in the location; a residual that is late settles as much later.
+
     Shapes: mismatch (k,), margin (q,).
     """
     if not np.isfinite(mismatch).all() or (margin <= 0.0).any():
@@ -157,7 +159,7 @@ def settling_ticks(generator: ResidualGenerator, mismatch: FloatArray, margin: F
         if not block and np.linalg.norm(power, np.inf) <= 0.5:
             block = tick
         if block and quiet >= block:  # from here on every block of samples repeats this one, at most half as large
-            return last + 1
+            return last + 1 + generator.lag
         power = F @ power
     return None
 

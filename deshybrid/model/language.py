@@ -162,6 +162,17 @@ DETECTOR = Record(
             "how residuals become decisions; where not written, exclusion if the bounds make it possible",
         ),
         Key("window", _POSITIVE, "how long a signature is waited for after an output, in seconds"),
+        Key(
+            "design",
+            Word(("luenberger", "unknown_input", "h2", "auto")),
+            "how residual generators are made; luenberger where not written",
+        ),
+        Key(
+            "decouple",
+            ListOf(Name("disturbance"), distinct=True, least=1),
+            "disturbances that residuals of the design `unknown_input` must not see; as many as can be, largest first",
+        ),
+        Key("delay", _bound("output"), "by how much an output is measured late, in seconds; residuals allow for it"),
     ),
 )
 OBSERVER = Record(

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from deshybrid.model.source import SourceModel
 
 Decision: TypeAlias = Literal["relay", "exclusion", "sprt", "glr"]
+GeneratorDesign: TypeAlias = Literal["luenberger", "unknown_input", "h2", "auto"]
 
 
 def _nothing() -> Mapping[str, Any]:
@@ -130,6 +131,8 @@ class DetectorOptions:
     `decision`: how residuals become decisions.  `poles` (rad/s) per location; `threshold`: the residual level, in
     output units per channel, below which a location counts as matching; `release`: factor >= 1 from the lower to the
     upper relay level; `debounce`, `window`: seconds.
+    `design`: how residual generators are made; `decouple`: the disturbances that they must not see (None: as many as
+    can be), for the design `unknown_input`; `delay`: seconds by which each output of the system is measured late, (p,).
     """
 
     poles: Mapping[str, tuple[complex, ...]] = field(default_factory=_nothing)
@@ -138,6 +141,9 @@ class DetectorOptions:
     debounce: float | None = None
     window: float | None = None
     decision: Decision | None = None
+    design: GeneratorDesign = "luenberger"
+    decouple: tuple[str, ...] | None = None
+    delay: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,6 +18,7 @@ from deshybrid.model.system import (
     CoveringDetector,
     Decision,
     DetectorOptions,
+    GeneratorDesign,
     HybridTransition,
     Location,
     ObserverOptions,
@@ -26,6 +27,7 @@ from deshybrid.model.system import (
 )
 
 _DECISIONS: Mapping[str | None, Decision] = {name: name for name in get_args(Decision)}
+_DESIGNS: Mapping[str | None, GeneratorDesign] = {name: name for name in get_args(GeneratorDesign)}
 _PAIRING = 1e-9  # poles written by expressions may differ from their conjugates by rounding
 
 
@@ -118,6 +120,9 @@ def _detector(
         written.number("debounce"),
         written.number("window"),
         _DECISIONS.get(written.text("decision")),
+        _DESIGNS.get(written.text("design"), "luenberger"),
+        None if written.get("decouple") is None else tuple(item.text or "" for item in written.items("decouple")),
+        per_channel(written.get("delay"), channels.outputs, "the delay", problems),
     )
 
 

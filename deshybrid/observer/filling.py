@@ -13,6 +13,7 @@ import numpy as np
 
 from deshybrid.continuous.gains import ObserverGains
 from deshybrid.detector.detector import TransitionDetector
+from deshybrid.detector.held_back import realised
 from deshybrid.detector.residual import ResidualGenerator, sampled_dynamics
 from deshybrid.diagnostics import Diagnostic, GainError, ModelError, diagnostic, raise_all
 from deshybrid.linear.arrays import FloatArray, frozen_array
@@ -88,7 +89,7 @@ def _growth(location: Location, matrix: FloatArray, step: float, kept: float) ->
 
 def fill_generators(system: HybridSystem, detector: TransitionDetector | None) -> GeneratorTables:
     """Return the residual generators of a detector, each filled up with zeros to the largest order, (G, k, ...)."""
-    generators = () if detector is None else detector.generators
+    generators = () if detector is None else tuple(realised(generator) for generator in detector.generators)
     thresholds = () if detector is None else detector.thresholds
     k = max((len(generator.F) for generator in generators), default=0)
     parts = [_spread(system, g, t.level, k) for g, t in zip(generators, thresholds, strict=True)]
