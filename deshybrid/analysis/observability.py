@@ -69,6 +69,8 @@ class Observability:
 
     def __str__(self) -> str:
         window = self.window
+        if not self.pairs:
+            return f"{_literal_text(self.literal)}\none mode: there is nothing to tell apart"
         lines = [
             _literal_text(self.literal),
             f"told apart with an error of {window.error:g}, {window.rows} rows looked at:",

@@ -5,6 +5,7 @@ message for every "no".  Source: Hwang, Balakrishnan and Tomlin (2003, 2006); BÃ
 """
 
 from dataclasses import dataclass, field
+from math import inf
 
 import numpy as np
 
@@ -12,9 +13,9 @@ from deshybrid.analysis.convergence import Convergence, convergence
 from deshybrid.analysis.detection import Detection, detection
 from deshybrid.analysis.observability import Observability, observability
 from deshybrid.compiler import Source, to_hybrid
-from deshybrid.diagnostics import Diagnostic
+from deshybrid.diagnostics import Diagnostic, UsageError, diagnostic
 from deshybrid.model.system import HybridSystem
-from deshybrid.stochastic.from_model import stochastic_system
+from deshybrid.stochastic.from_model import require_stochastic, stochastic_system
 from deshybrid.stochastic.sojourn import Demand
 from deshybrid.stochastic.system import StochasticSystem
 from deshybrid.stochastic.telling_apart import Window
@@ -89,11 +90,13 @@ def analyse(source: Source, question: Question | None = None) -> Analysis:
     True
     """
     model, question = to_hybrid(source), question or Question()
-    system = stochastic_system(model, step=question.step)
+    require_stochastic(model)
+    step = _step(model, question.step)
+    system = stochastic_system(model, step=step)
     if question.delay:
         system.comparable_bank  # noqa: B018 - a filter of the wrong mode cannot run on other outputs
     comparable = bool((system.bank.measured == system.bank.measured[0]).all())
-    converging = convergence(system, _demand(model, question), model.time_step or question.step or 1.0)
+    converging = convergence(system, _demand(model, question), step)
     filters = [state.filter for state in converging.states if state.filter is not None]
     complete = filters if len(filters) == len(system.modes) else []
     return Analysis(
@@ -103,6 +106,18 @@ def analyse(source: Source, question: Question | None = None) -> Analysis:
         converging,
         detection(system, question.window.rows, complete) if comparable else None,
     )
+
+
+def _step(model: HybridSystem, step: float | None) -> float:
+    """The distance of rows: the model's own, or in continuous time the one that is asked for; raises DH0601."""
+    own = model.time_step
+    if own is None and step is None:
+        helps = ("state the distance of the rows: `--step SECONDS`",)
+        raise UsageError(diagnostic("DH0601", "a model in continuous time is analysed at a step", helps=helps))
+    if step is not None and not (0.0 < step < inf and own in (None, step)):
+        expected = "a positive number" if own is None else f"{own:g} s, which the model describes"
+        raise UsageError(diagnostic("DH0601", f"the step is {step:g} s, expected {expected}"))
+    return own or step or 1.0
 
 
 def _demand(model: HybridSystem, question: Question) -> Demand:

@@ -10,7 +10,8 @@ states that are unseen so far is carried along all sequences; it can only shrink
 comes later matters.
 
 Each sequence up to the row that shows the state is looked at, exponentially many at worst: `MOST_SEQUENCES` is the
-limit.  Source: Böker, State estimation of switched systems; Anderson and Moore (1981) for what observability gives.
+limit.  A given sequence is answered row by row (`rows_that_show`).
+Source: Böker, State estimation of switched systems; Anderson and Moore (1981) for what observability gives.
 """
 
 from collections.abc import Sequence
@@ -121,6 +122,26 @@ def boundedness(system: StochasticSystem, dwell: int = 1) -> Boundedness:
     return open_cycle if open_cycle.bounded is None else Boundedness(dwell, True, longest)
 
 
+def rows_that_show(system: StochasticSystem, modes: Sequence[int]) -> tuple[int | None, ...]:
+    """Return, from each row of a given sequence of modes on, how many rows show the whole state; None: not by the end.
+
+    The covariance stays bounded along a sequence, however long, in which these numbers do.
+
+    >>> from deshybrid.stochastic.examples import calm_and_wild
+    >>> rows_that_show(calm_and_wild(), [0, 1, 1])
+    (1, 1, 1)
+    """
+    sight, found = _Sight(system), []
+    for start, first in enumerate(modes):
+        hidden, rows = sight.still_hidden(np.eye(len(system.x)), first), 1
+        for mode in modes[start + 1 :]:
+            if hidden.shape[1] == 0:
+                break
+            hidden, rows = sight.still_hidden(sight.moved(hidden, mode), mode), rows + 1
+        found.append(rows if hidden.shape[1] == 0 else None)
+    return tuple(found)
+
+
 def unseen_along(system: StochasticSystem, cycle: Sequence[int]) -> float | None:
     """Return the largest eigenvalue (absolute) of what a repeated cycle of modes never shows; None where nothing lasts.
 
@@ -157,4 +178,4 @@ def _continued(system: StochasticSystem, sight: _Sight, path: _Path, dwell: int)
     return found
 
 
-__all__ = ["MOST_SEQUENCES", "Boundedness", "boundedness", "unseen_along"]
+__all__ = ["MOST_SEQUENCES", "Boundedness", "boundedness", "rows_that_show", "unseen_along"]

@@ -145,7 +145,7 @@ def _terms(own: SteadyFilter, filters: Sequence[SteadyFilter], gain: GainKind, d
         settling=_settling(U, n, demand.delay * kappa, demand),
         direct=max(steps, _settling(U, n, float(sizes[: demand.delay].sum()), demand)),
         mismatch_printed=U_printed,
-        contraction_printed=log(kappa) / -log(alpha),
+        contraction_printed=log(kappa) / -log(alpha) if alpha < demand.factor else inf,
         settling_printed=_settling(U_printed, n, demand.delay * kappa, demand),
     )
 
@@ -160,13 +160,19 @@ def _settling(U: float, n: int, growth: float, demand: Demand) -> float:
 
 
 def _powers(E: FloatArray, demand: Demand) -> tuple[float, FloatArray]:
-    """The least L with ‖Eᵏ‖ <= μᵏ for L <= k < 2 L (infinite beyond `MOST_POWERS`), and the norms ‖Eᵏ‖, k >= 0."""
-    sizes, power, last_bad, k = [1.0], np.eye(len(E)), 0, 0
+    """The least L with ‖Eᵏ‖ <= μᵏ for L <= k < 2 L (infinite beyond `MOST_POWERS`), and the norms ‖Eᵏ‖, k >= 0.
+
+    Powers of E/μ are taken, whose norms have to be at most 1: those of E and of μ would vanish both in the end.
+    """
+    scaled, power, last_bad, k, sizes = E / demand.factor, np.eye(len(E)), 0, 0, [1.0]
+    if float(np.abs(np.linalg.eigvals(scaled)).max(initial=0.0)) >= 1.0:
+        return inf, np.array(sizes)
     while k < max(2 * last_bad + 1, demand.delay):
         k += 1
-        power = power @ E
-        sizes.append(float(np.linalg.norm(power, 2)))
-        if sizes[-1] > demand.factor**k:
+        power = power @ scaled
+        size = float(np.linalg.norm(power, 2))
+        sizes.append(size * demand.factor**k)
+        if size > 1.0:
             last_bad = k
         if last_bad > MOST_POWERS:
             return inf, np.array(sizes)

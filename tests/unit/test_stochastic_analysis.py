@@ -263,3 +263,42 @@ def test_the_json_of_every_example_is_json(name):
 
     record = json.loads(to_json(analyse(MODELS / f"{name}.yaml").record()))
     assert list(record) == ["format", "name", "modes", "holds", "observability", "convergence", "detection"]
+
+
+CONTINUOUS = """
+format: deshybrid/1
+name: alone
+time: continuous
+state: [x]
+output: [y]
+locations: {only: {A: [[3]], C: [[1]]}}
+transition_probability: {only: {only: 1}}
+noise: {process: [[1]], measurement: [[1]]}
+prior: {mean: [0], covariance: [[1]]}
+"""
+
+
+@pytest.mark.parametrize("step", [None, 0.0, -1.0])
+def test_a_model_in_continuous_time_is_analysed_at_a_positive_step_alone(step):
+    with pytest.raises(UsageError) as caught:
+        analyse(loads(CONTINUOUS), Question(step=step))
+    assert caught.value.diagnostics[0].code == "DH0601"
+
+
+def test_a_model_in_discrete_time_has_its_own_step():
+    with pytest.raises(UsageError) as caught:
+        analyse(MODELS / "hwang2003/two_turns.yaml", Question(step=1.0))
+    assert "expected 2 s" in caught.value.diagnostics[0].message
+
+
+def test_a_single_mode_has_a_filter_and_nothing_to_tell_apart():
+    made = analyse(loads(CONTINUOUS), Question(Window(rows=5), step=0.5))
+    assert made.holds
+    assert "one mode: there is nothing to tell apart" in str(made)
+    assert made.convergence.bounds[0].by_condition == 1
+
+
+def test_a_filter_that_forgets_too_slowly_is_certified_by_no_form_of_the_bound():
+    """Its error shrinks by 0.19 a row, 0.1 is asked; the powers of both vanish below all doubles in the end."""
+    (bound, _) = analyse(loads(CONTINUOUS), Question(Window(rows=5), factor=0.1, step=0.5)).convergence.bounds
+    assert (bound.by_condition, bound.by_powers, bound.as_printed) == (None, None, None)
