@@ -44,6 +44,7 @@ from deshybrid.verify.design_file import (
 from deshybrid.verify.forms import FormClaim, Said, SilentForm, form_checks, limit_checks, read_forms
 from deshybrid.verify.report import UNCHECKED, Check, VerifyReport
 from deshybrid.verify.sampled import made_from_the_gains
+from deshybrid.verify.watched import Watched, paths_in_words
 
 PART_OF_A_STEP = Fraction(1, 10**6)
 PROPOSED = Fraction(1, 10**10)
@@ -70,6 +71,7 @@ def verify_design(document: Mapping[str, object]) -> VerifyReport:
     >>> verify_design({**design, "certificates": [claim]}).holds
     True
     """
+    document = Watched(document)
     plant = read_plant(document)
     claims, summary = read_claims(document, plant), read_summary(document, plant)
     checks = [check for claim in claims if claim.holds for check in _checks(plant, claim)]
@@ -90,12 +92,16 @@ def verify_design(document: Mapping[str, object]) -> VerifyReport:
     silent = [claim.name for claim in claims if not claim.holds]
     silent += [claim.name for claim in forms if isinstance(claim, SilentForm)]
     silent += [claim for claim in boxes if isinstance(claim, str)]
-    return VerifyReport(tuple(checks), tuple(silent), _unchecked(bound is not None, found is not None))
+    large = ("`ultimate_bound` (too large)",) if bound is not None and found is None else ()
+    return VerifyReport(tuple(checks), tuple(silent), (*UNCHECKED, *_unread(document, plant), *large))
 
 
-def _unchecked(claimed: bool, checked: bool) -> tuple[str, ...]:
-    words = {"`ultimate_bound`": "`ultimate_bound` (too large)"} if claimed else {}
-    return tuple(words.get(what, what) for what in UNCHECKED if not checked or what != "`ultimate_bound`")
+def _unread(document: Watched, plant: Plant) -> tuple[str, ...]:
+    """The keys that nothing was made of; those of certificates that do not claim to hold are named by these."""
+    entries = document.get("certificates")
+    claimed = [entry.get("holds") is True for entry in entries] if isinstance(entries, list) else []
+    paths = (p for p in document.unread() if p[0] != "certificates" or (isinstance(p[1], int) and claimed[p[1]]))
+    return paths_in_words(paths, frozenset(plant.locations))
 
 
 def _summary_checks(

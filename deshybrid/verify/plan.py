@@ -17,9 +17,9 @@ from deshybrid.verify.hitting import Way, costs_at_least
 from deshybrid.verify.plan_file import Claimed, Plan, read_plan
 from deshybrid.verify.plan_runs import Choice, choices, constraint_faults, offer_faults, plan_faults
 from deshybrid.verify.report import Check, VerifyReport
+from deshybrid.verify.watched import Watched, paths_in_words
 
 _ROUNDING = Fraction(1, 10**12)  # of the gap, a quotient of two doubles
-_UNCHECKED = ("`check`", "`feasibility`", "`fewest`")
 
 
 def verify_plan(document: Mapping[str, object], model: Mapping[str, object] | None = None) -> VerifyReport:
@@ -42,9 +42,12 @@ def verify_plan(document: Mapping[str, object], model: Mapping[str, object] | No
     >>> verify_plan(plan).holds, verify_plan({**plan, "constraints": []}).holds
     (True, False)
     """
+    document = Watched(document)
     plan = read_plan(document)
     checks = tuple(Check(*said) for said in (*_of_the_model(document, model), *_said(plan)))
-    unchecked = _UNCHECKED if model else (*_UNCHECKED, "that system and candidates are those of a model (`--model`)")
+    unchecked = paths_in_words(document.unread(), frozenset())
+    if not model:
+        unchecked = (*unchecked, "that system and candidates are those of a model (`--model`)")
     return VerifyReport(checks, (), unchecked, what="claims", doubt="")
 
 

@@ -285,7 +285,7 @@ def test_a_design_from_which_something_was_dropped_or_to_which_a_location_was_ad
 
 def test_the_report_says_what_is_not_checked(design: Tree) -> None:
     report = verify_design(design)
-    assert "`ultimate_bound`" in str(report)
+    assert "`condition`" in str(report)
     assert "whether a reset or location was left out" in str(report)
     assert report.record()["unchecked"] == list(report.unchecked)
 
