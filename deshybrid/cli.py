@@ -29,9 +29,11 @@ from deshybrid.options import (
     DrawFormat,
     DrawWhat,
     DwellTime,
+    EstimatePlot,
     Every,
     FilterMethod,
     GainMethod,
+    Gate,
     MaxMemory,
     MaxStates,
     Model,
@@ -271,15 +273,26 @@ def run(
 
 @app.command()
 def estimate(
-    model: Model, trace: TraceFile, method: FilterMethod = "imm", as_json: AsJson = False, output: Output = None
+    model: Model,
+    trace: TraceFile,
+    method: FilterMethod = "imm",
+    gate: Gate = None,
+    plot: EstimatePlot = None,
+    as_json: AsJson = False,
+    output: Output = None,
 ) -> None:
     """Estimate location and state of a stochastic model on a trace; log-likelihood and score at the end."""
     from deshybrid import estimation
+    from deshybrid.emit.files import write_whole
     from deshybrid.emit.records import to_json
 
     with working("estimating"):
-        made = estimation.estimate_trace(model, trace, method=method)
+        made = estimation.estimate_trace(model, trace, method=method, gate=gate)
+        picture = None if plot is None else estimation.plot(made)
+    if plot is not None and picture is not None:
+        write_whole(plot, picture)
     _write(output, made.csv())
+    say(made.problems)
     tell_beside(output, to_json(made.record()) if as_json else f"{made}\n")
 
 

@@ -16,7 +16,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from deshybrid.compiler import Source, to_hybrid
-from deshybrid.diagnostics import TraceError, diagnostic
+from deshybrid.diagnostics import Diagnostic, TraceError, diagnostic
 from deshybrid.model.system import HybridSystem, ObserverOptions
 from deshybrid.simulate.table import decode, read_bytes
 from deshybrid.simulate.trace import Trace, parse_trace, quoted, shortest
@@ -36,6 +36,7 @@ class Estimation:
     system: StochasticSystem
     method: EstimateMethod
     estimates: Estimates
+    gate: float | None = None
 
     @cached_property
     def location(self) -> tuple[str, ...]:
@@ -59,8 +60,17 @@ class Estimation:
 
     @property
     def consistency(self) -> Consistency:
-        """Squared residuals of all rows; only a mixture of one is χ² exactly."""
+        """Squared residuals of all rows but outliers; only a mixture of one is χ² exactly."""
         return Consistency(float(self.estimates.nis.sum()), int(self.estimates.channels.sum()))
+
+    @cached_property
+    def problems(self) -> tuple[Diagnostic, ...]:
+        """What the trace holds and no filter reads (DH1110)."""
+        rows = [k + 1 for k, event in enumerate(self.trace.events) if event is not None]
+        if not rows:
+            return ()
+        text = f"no filter reads the events of the trace; there are {len(rows)}, the first in row {rows[0]}"
+        return (diagnostic("DH1110", text, severity="warning"),)
 
     @cached_property
     def truth(self) -> "Truth":
@@ -72,7 +82,7 @@ class Estimation:
             right = sum(a == b for a, b in known) / len(known)
         found = () if true is None else switches(true, self.location)
         if self.trace.true_state is None:
-            return Truth(right, found, (), None)
+            return Truth(right, found, (), None, None)
         errors = self.estimates.x - self.trace.true_state
         known_rows = ~np.isnan(errors)
         rms = tuple(
@@ -83,7 +93,10 @@ class Estimation:
         whole = known_rows.all(axis=1)
         with np.errstate(over="ignore", invalid="ignore"):  # a truth beyond all numbers has no NEES
             squares = nees(errors[whole], self.estimates.P[whole])
-        return Truth(right, found, rms, float(squares.mean()) if squares.size and np.isfinite(squares).all() else None)
+        if not squares.size or not np.isfinite(squares).all():
+            return Truth(right, found, rms, None, None)
+        low, high = Consistency(0.0, len(names)).band
+        return Truth(right, found, rms, float(squares.mean()), float(((low <= squares) & (squares <= high)).mean()))
 
     def record(self) -> dict[str, object]:
         """Return the summary as a tree for JSON."""
@@ -96,6 +109,8 @@ class Estimation:
             "rows": len(self.trace),
             "log_likelihood": self.log_likelihood,
             "nis": nis,
+            "gate": self.gate,
+            "outliers": (np.flatnonzero(self.estimates.gated) + 1).tolist(),
             "score": self.truth.record(),
         }
 
@@ -107,17 +122,24 @@ class Estimation:
             mean = consistency.total / consistency.freedom
             where = "within" if consistency.holds else "outside"
             lines.append(f"NIS: {mean:.3f} a measured number, {where} the 95 % band {low:.3f} to {high:.3f}")
+        if self.gate is not None:
+            lines.append(f"outliers: {int(self.estimates.gated.sum())} rows beyond the gate of {self.gate:g}, left out")
         return "\n".join([*lines, *self.truth.lines(len(self.system.x))])
 
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """Share of rows with the right location, switches and delays, RMS by state, mean NEES; None or empty if unknown."""
+    """Share of rows with the right location, switches and delays, RMS by state, NEES; None or empty where unknown.
+
+    `nees_within` is the share of rows whose NEES lies in the 95 % band of one row: squared errors of neighbouring rows
+    depend on each other, so that their sum has no band of its own.
+    """
 
     right: float | None
     switches: tuple[Switch, ...]
     rms: tuple[tuple[str, float], ...]
     nees: float | None
+    nees_within: float | None
 
     def record(self) -> dict[str, object]:
         """Return the score as a tree for JSON."""
@@ -126,6 +148,7 @@ class Truth:
             "switches": [{"row": s.row, "location": s.mode, "delay": s.delay} for s in self.switches],
             "rms": dict(self.rms),
             "nees": self.nees,
+            "nees_within_95": self.nees_within,
         }
 
     def lines(self, states: int) -> list[str]:
@@ -135,14 +158,22 @@ class Truth:
             seen = "not named before the next" if switch.delay is None else f"named at row {switch.delay} of the stay"
             found.append(f"  switch to {switch.mode} at row {switch.row}: {seen}")
         found += [f"error of {name}: {rms:.4g} rms" for name, rms in self.rms]
-        return found + ([] if self.nees is None else [f"NEES: {self.nees:.3f} on average, {states} expected"])
+        if self.nees is None or self.nees_within is None:
+            return found
+        low, high = Consistency(0.0, states).band
+        share = f"{100 * self.nees_within:.1f} % of the rows within the 95 % band {low:.3f} to {high:.3f} of one row"
+        return [*found, f"NEES: {self.nees:.3f} on average, {states} expected; {share}"]
 
 
-def estimate_trace(source: Source, trace: str | Path, *, method: EstimateMethod = "imm") -> Estimation:
+def estimate_trace(
+    source: Source, trace: str | Path, *, method: EstimateMethod = "imm", gate: float | None = None
+) -> Estimation:
     """Return the estimates of a stochastic model (a path or a system) on a trace (a path, or - for standard input).
 
-    Raises `ModelError` (DH1101), `UsageError` (DH0306, DH1103, DH1105) and `TraceError` (DH0310 to DH0324; DH1106 where
-    `skf` is not told the location of a row).
+    A row that no location expects with the probability `gate` counts as missing.
+
+    Raises `ModelError` (DH1101), `UsageError` (DH0306, DH1103, DH1105, DH1108, DH1111) and `TraceError` (DH0310 to
+    DH0324; DH1106 where `skf` is not told the location of a row).
 
     >>> estimate_trace("models/hwang2006/turn.yaml", "models/hwang2006/turn.csv").location[:2]
     ('CV', 'CV')
@@ -154,8 +185,38 @@ def estimate_trace(source: Source, trace: str | Path, *, method: EstimateMethod 
     system = stochastic_system(model, step=step)
     z, u = samples.outputs, samples.inputs
     if method == "skf":
-        return Estimation(samples, system, method, estimate_known(system, z, _known(samples), u))
-    return Estimation(samples, system, method, estimate(system, z, u, method=method))
+        return Estimation(samples, system, method, estimate_known(system, z, _known(samples), u, gate=gate), gate)
+    return Estimation(samples, system, method, estimate(system, z, u, method=method, gate=gate), gate)
+
+
+def plot(made: Estimation) -> bytes:
+    """Return a plot of the estimates as SVG; raises `UsageError` (DH0806) without matplotlib.
+
+    >>> b"<svg" in plot(estimate_trace("models/hwang2006/turn.yaml", "models/hwang2006/turn.csv"))
+    True
+    """
+    from deshybrid.emit.estimate_plot import EstimatePlot, estimate_plot
+
+    trace, estimates, names = made.trace, made.estimates, made.system.names
+    variances = np.diagonal(estimates.P, axis1=-2, axis2=-1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        nis = estimates.nis / estimates.channels  # NaN where nothing was measured
+    return estimate_plot(
+        EstimatePlot(
+            title=f"{trace.system.name}: {made.method}",
+            locations=names,
+            states=trace.system.state_names,
+            time=trace.time,
+            mu=estimates.mu,
+            true_mode=[-1 if name is None else names.index(name) for name in trace.true_location or ()]
+            or [-1] * len(trace),
+            x=estimates.x,
+            deviation=np.sqrt(np.maximum(variances, 0.0)),
+            truth=np.full_like(estimates.x, np.nan) if trace.true_state is None else trace.true_state,
+            nis=nis,
+            outlier=estimates.gated.tolist(),
+        )
+    )
 
 
 def _read_trace(text: str, model: HybridSystem, name: str) -> tuple[Trace, float | None]:
@@ -182,4 +243,4 @@ def _known(samples: Trace) -> list[int]:
     return [names.index(name) for name in true if name is not None]
 
 
-__all__ = ["EstimateMethod", "Estimation", "Truth", "estimate_trace"]
+__all__ = ["EstimateMethod", "Estimation", "Truth", "estimate_trace", "plot"]

@@ -53,6 +53,10 @@ TraceFile = Annotated[str, typer.Option("--trace", help="a trace as CSV, or - fo
 FilterMethod = Annotated[
     Literal["mmae", "imm", "rmimm", "skf"], typer.Option("--method", help="the filter; `skf` knows the location")
 ]
+Gate = Annotated[
+    float | None, typer.Option(help="probability with which a good row is kept; one beyond it counts as missing")
+]
+EstimatePlot = Annotated[Path | None, typer.Option("--plot", help="write a plot as SVG (extra `plot`)")]
 Every = Annotated[bool, typer.Option("--all", help="list all cheapest sets")]
 Most = Annotated[int, typer.Option(min=1, help="list at most so many sets, with exit code 3 beyond")]
 
@@ -62,9 +66,11 @@ __all__ = [
     "DrawFormat",
     "DrawWhat",
     "DwellTime",
+    "EstimatePlot",
     "Every",
     "FilterMethod",
     "GainMethod",
+    "Gate",
     "MaxMemory",
     "MaxStates",
     "Model",

@@ -54,7 +54,7 @@ def delay_histogram(delays: Sequence[float], *, missed: int, limit: float) -> by
     axes.set(xlabel="delay (s), negative: named before the entry", ylabel="engagements")
     axes.set_title(f"{len(delays)} engagements named, {missed} missed")
     axes.legend()
-    return _svg(figure)
+    return as_svg(figure)
 
 
 def confusion_plot(names: Sequence[str], samples: Sequence[Sequence[int]]) -> bytes:
@@ -76,7 +76,7 @@ def confusion_plot(names: Sequence[str], samples: Sequence[Sequence[int]]) -> by
                 colour = "white" if share > 0.5 else "black"
                 axes.text(column, row, f"{100 * share:.2g}", ha="center", va="center", color=colour)
     axes.set_title("samples, % of each row")
-    return _svg(figure)
+    return as_svg(figure)
 
 
 def timeline_plot(line: Timeline, names: Sequence[str]) -> bytes:
@@ -95,7 +95,7 @@ def timeline_plot(line: Timeline, names: Sequence[str]) -> bytes:
     axes.set_yticks(range(len(names)), list(names))
     axes.set(xlabel="time (s)", title=line.title)
     axes.legend(loc="best")
-    return _svg(figure)
+    return as_svg(figure)
 
 
 def _axes(width: float, height: float) -> "tuple[Figure, Axes]":
@@ -106,8 +106,8 @@ def _axes(width: float, height: float) -> "tuple[Figure, Axes]":
     return figure, figure.add_subplot()
 
 
-def _svg(figure: "Figure") -> bytes:
-    """The figure as SVG without a date; texts stay texts, so that a reader can search them."""
+def as_svg(figure: "Figure") -> bytes:
+    """Return a figure as SVG without a date; texts stay texts, so that a reader can search them."""
     import matplotlib
 
     stream = io.BytesIO()
@@ -116,4 +116,4 @@ def _svg(figure: "Figure") -> bytes:
     return stream.getvalue()
 
 
-__all__ = ["Timeline", "confusion_plot", "delay_histogram", "require_matplotlib", "timeline_plot"]
+__all__ = ["Timeline", "as_svg", "confusion_plot", "delay_histogram", "require_matplotlib", "timeline_plot"]

@@ -25,7 +25,10 @@ _LOG_2PI = math.log(2.0 * math.pi)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correction:
-    """An updated Gaussian, with the residual (..., p), its covariance S = L Lᵀ, W = L⁻¹ H P and log N(z; Hx, S)."""
+    """An updated Gaussian, with the residual (..., p), its covariance S = L Lᵀ, W = L⁻¹ H P and log N(z; Hx, S).
+
+    `distance` (...) is the residual squared in units of S.
+    """
 
     x: FloatArray
     P: FloatArray
@@ -33,6 +36,7 @@ class Correction:
     S: FloatArray
     L: FloatArray
     W: FloatArray
+    distance: FloatArray
     log_likelihood: FloatArray
 
     @property
@@ -93,8 +97,9 @@ def update(x: FloatArray, P: FloatArray, residual: FloatArray, H: FloatArray, R:
     W, e = white[..., :-1], white[..., -1]
     moved = product(W.swapaxes(-1, -2), white)  # of P and of x
     log_size = np.log(np.diagonal(L, axis1=-2, axis2=-1)).sum(axis=-1)
-    log_likelihood = -0.5 * ((e * e).sum(axis=-1) + count * _LOG_2PI) - log_size
-    return Correction(x + moved[..., -1], P - moved[..., :-1], residual, S, L, W, log_likelihood)
+    distance = (e * e).sum(axis=-1)
+    log_likelihood = -0.5 * (distance + count * _LOG_2PI) - log_size
+    return Correction(x + moved[..., -1], P - moved[..., :-1], residual, S, L, W, distance, log_likelihood)
 
 
 def _require_factor(S: FloatArray, L: FloatArray) -> None:

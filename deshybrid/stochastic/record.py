@@ -8,17 +8,19 @@ One step a row.  Source: Hwang et al. (2006), section 3.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import gaussian, multiple, switching
 from deshybrid.stochastic.belief import Belief, Posterior, log_probability, read_only, sealed, squared_residual
+from deshybrid.stochastic.gating import Flags, gate_limits
 from deshybrid.stochastic.lanes import behind, in_front, trials_last
 from deshybrid.stochastic.residual_mean import ResidualBelief, predict_rmimm, update_rmimm
 from deshybrid.stochastic.switching import ModeNumbers
@@ -36,11 +38,11 @@ _PREDICT: dict[str, Callable[[StochasticSystem, Belief, FloatArray | None], Beli
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimates:
-    """Row by row: x (..., N, n), P (..., N, n, n), mu (..., N, M), log_likelihood, nis, channels (..., N); read-only.
+    """Row by row: x (..., N, n), P (..., N, n, n), mu (..., N, M), and (..., N) the others; read-only.
 
     x and P are mean and covariance of the mixture given all rows up to this one; `log_likelihood` is that of the row's
-    measurement given the rows before, `nis` its squared residual in units of its covariance, and `channels` how many
-    outputs were measured.
+    measurement given the rows before, `nis` its squared residual in units of its covariance, `channels` how many
+    outputs were used, and `gated` whether the row was an outlier.
     """
 
     x: FloatArray
@@ -49,9 +51,10 @@ class Estimates:
     log_likelihood: FloatArray
     nis: FloatArray
     channels: FloatArray
+    gated: Flags
 
     def __post_init__(self) -> None:
-        for name in ("x", "P", "mu", "log_likelihood", "nis", "channels"):
+        for name in ("x", "P", "mu", "log_likelihood", "nis", "channels", "gated"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
@@ -67,15 +70,18 @@ def estimate(
     u: ArrayLike | None = None,
     *,
     method: UnknownModeMethod = "imm",
+    gate: float | None = None,
     engine: Engine = "numpy",
 ) -> Estimates:
     """Return the estimates of a multiple-model filter; z (..., N, p), u (..., N, m).
 
-    The engine `numba` (extra `numba`; `imm` and `mmae` only) compiles for seconds when it is first used, and is several
-    times as fast for many trials or rows; results are those of `numpy` up to rounding.
+    A row that no mode expects with the probability `gate` is an outlier and counts as missing.  The engine `numba`
+    (extra `numba`; `imm` and `mmae` without a gate) compiles for seconds when it is first used, and is several times as
+    fast for many trials or rows; results are those of `numpy` up to rounding.
 
     Raises `UsageError`: DH1103 where the modes measure different outputs, DH1105, DH1107 where a shape does not fit,
-    DH1108 where numbers overflow, DH1109 where numba is not installed or does not run the method.
+    DH1108 where numbers overflow, DH1109 where numba is not installed or does not run this, DH1111 for a gate that is
+    no probability.
 
     >>> from deshybrid.stochastic.examples import calm_and_wild
     >>> estimate(calm_and_wild(), [[0.1], [0.2], [9.0], [1.0]]).most_probable.tolist()
@@ -85,21 +91,22 @@ def estimate(
     trials = measured.shape[:-2]
     seen = ~np.isnan(measured) & system.comparable_bank.measured[0]
     if engine == "numba":
-        made = _compiled(system, measured, inputs, seen, method)
+        if method == "rmimm" or gate is not None:
+            raise UsageError(diagnostic("DH1109", "numba runs `imm` and `mmae`, without a gate"))
+        made = _compiled(system, measured, inputs, seen, mixing=method == "imm")
         if made is not None:
             return made
     rows = _rows(measured, inputs)
+    limits = None if gate is None else gate_limits(measured.shape[-1], gate)
     if method == "rmimm":
-        return _stacked(_run(ResidualBelief.prior(system, trials), _residual_step(system), rows), seen)
-    return _stacked(_run(Belief.prior(system, trials), _step(system, method), rows), seen)
+        return _stacked(_run(ResidualBelief.prior(system, trials), _residual_step(system, limits), rows), seen)
+    return _stacked(_run(Belief.prior(system, trials), _step(system, method, limits), rows), seen)
 
 
 def _compiled(
-    system: StochasticSystem, z: FloatArray, u: FloatArray | None, seen: NDArray[np.bool_], method: UnknownModeMethod
+    system: StochasticSystem, z: FloatArray, u: FloatArray | None, seen: Flags, *, mixing: bool
 ) -> Estimates | None:
     """The estimates by numba; None where they are not finite, so that numpy may say why."""
-    if method == "rmimm":
-        raise UsageError(diagnostic("DH1109", "numba runs `imm` and `mmae`, not `rmimm`"))
     try:
         from deshybrid.stochastic.compiled import run
     except ImportError as error:
@@ -109,31 +116,32 @@ def _compiled(
     flat = behind(np.where(seen, z, np.nan), 2).reshape(*z.shape[-2:], count)
     inputs = np.zeros((len(flat), 0, count)) if u is None else behind(u, 2).reshape(*u.shape[-2:], count)
     log_Pi, prior = log_probability(system.chain.probability_to_from), Belief.prior(system)
-    found = run(system.comparable_bank, log_Pi, prior, flat, inputs, mixing=method == "imm")
+    found = run(system.comparable_bank, log_Pi, prior, flat, inputs, mixing=mixing)
     if not all(np.isfinite(column).all() for column in found):
         return None
     shaped = (part.reshape(*part.shape[:-1], *trials) for part in found)
     x, P, mu, log_likelihood, nis = (sealed(in_front(part, part.ndim - len(trials))) for part in shaped)
-    return Estimates(x, P, mu, log_likelihood, nis, channels=seen.sum(axis=-1).astype(np.float64))
+    gated = np.zeros(log_likelihood.shape, dtype=np.bool_)
+    return Estimates(x, P, mu, log_likelihood, nis, seen.sum(axis=-1).astype(np.float64), gated)
 
 
-def _step(system: StochasticSystem, method: str) -> Step[Belief]:
+def _step(system: StochasticSystem, method: str, limits: FloatArray | None) -> Step[Belief]:
     predict = _PREDICT[method]
 
     def step(
         belief: Belief, z: FloatArray, u_before: FloatArray | None, u: FloatArray | None
     ) -> tuple[Belief, Posterior]:
-        posterior = multiple.update(system, predict(system, belief, u_before), z, u)
+        posterior = multiple.update(system, predict(system, belief, u_before), z, u, limits=limits)
         return posterior.belief, posterior
 
     return step
 
 
-def _residual_step(system: StochasticSystem) -> Step[ResidualBelief]:
+def _residual_step(system: StochasticSystem, limits: FloatArray | None) -> Step[ResidualBelief]:
     def step(
         state: ResidualBelief, z: FloatArray, u_before: FloatArray | None, u: FloatArray | None
     ) -> tuple[ResidualBelief, Posterior]:
-        return update_rmimm(system, predict_rmimm(system, state, u_before), z, u)
+        return update_rmimm(system, predict_rmimm(system, state, u_before), z, u, limits=limits)
 
     return step
 
@@ -142,16 +150,34 @@ def _run(
     state: State, step: Step[State], rows: Sequence[tuple[FloatArray, FloatArray | None, FloatArray | None]]
 ) -> list[tuple[FloatArray, ...]]:
     found: list[tuple[FloatArray, ...]] = []
-    with np.errstate(over="ignore", invalid="ignore"):  # `_stacked` looks for what is not finite
-        for z, u_before, u in rows:
-            state, posterior = step(state, z, u_before, u)
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is looked for
+        for k, (z, u_before, u) in enumerate(rows):
+            with _naming(k):
+                state, posterior = step(state, z, u_before, u)
+                _require_likelihood(posterior.log_likelihood)
             belief = posterior.belief
             found.append((*belief.mixture(), belief.mu, *_innovation(posterior)))
     return found
 
 
 def _innovation(posterior: Posterior) -> tuple[FloatArray, ...]:
-    return posterior.log_likelihood, posterior.predicted_mu, posterior.residual, posterior.S
+    gated = posterior.gated.astype(np.float64)
+    return posterior.log_likelihood, gated, posterior.predicted_mu, posterior.residual, posterior.S
+
+
+def _require_likelihood(log_likelihood: FloatArray) -> None:
+    if not np.isfinite(log_likelihood).all():
+        raise gaussian.overflow()
+
+
+@contextmanager
+def _naming(row: int) -> Iterator[None]:
+    """Say in which row a filter failed."""
+    try:
+        yield
+    except UsageError as error:
+        told = (replace(found, message=f"row {row + 1}: {found.message}") for found in error.diagnostics)
+        raise UsageError(*told) from None
 
 
 def estimate_known(
@@ -161,13 +187,14 @@ def estimate_known(
     u: ArrayLike | None = None,
     *,
     moved_by: ArrayLike | None = None,
+    gate: float | None = None,
 ) -> Estimates:
     """Return the estimates of the switching Kalman filter; z (..., N, p), modes (..., N) by number, u (..., N, m).
 
     The mode of a row measures it; `moved_by` (..., N) is the mode of the step that leads to it: by default the row's
-    own, as in the other filters, while the freeway paper takes that of the row before.
+    own, as in the other filters, while the freeway paper takes that of the row before.  `gate` as in `estimate`.
 
-    Raises `UsageError`: DH1105, DH1107 where a shape or a number of a mode does not fit, DH1108.
+    Raises `UsageError`: DH1105, DH1107 where a shape or a number of a mode does not fit, DH1108, DH1111.
 
     >>> from deshybrid.stochastic.examples import calm_and_wild
     >>> estimate_known(calm_and_wild(), [[0.1], [0.2]], [0, 0]).mu.tolist()
@@ -179,12 +206,15 @@ def estimate_known(
     trials, n = measured.shape[:-2], len(system.x)
     x, P = np.broadcast_to(system.x, (*trials, n)), np.broadcast_to(system.P, (*trials, n, n))
     certain, one, rows = np.eye(len(system.modes))[known], np.ones((*trials, 1)), []
-    with np.errstate(over="ignore", invalid="ignore"):  # `_stacked` looks for what is not finite
+    limits = None if gate is None else gate_limits(measured.shape[-1], gate)
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is looked for
         for k, (z_row, u_before, u_row) in enumerate(_rows(measured, inputs)):
-            x, P = switching.predict(system, x, P, moving[..., k], u=u_before)
-            done = switching.update(system, x, P, known[..., k], z_row, u=u_row)
-            x, P, sure = done.x, done.P, certain[..., k, :]
-            rows.append((x, P, sure, done.log_likelihood, one, done.residual[..., None, :], done.S[..., None, :, :]))
+            with _naming(k):
+                x, P = switching.predict(system, x, P, moving[..., k], u=u_before)
+                done, gated = switching.update(system, x, P, known[..., k], z_row, u=u_row, limits=limits)
+                _require_likelihood(done.log_likelihood)
+            x, P, residual, S = done.x, done.P, done.residual[..., None, :], done.S[..., None, :, :]
+            rows.append((x, P, certain[..., k, :], done.log_likelihood, gated.astype(np.float64), one, residual, S))
     return _stacked(rows, ~np.isnan(measured) & system.bank.measured[known])
 
 
@@ -224,14 +254,25 @@ def _rows(
     return [(measured[..., k, :], inputs[..., max(k - 1, 0), :], inputs[..., k, :]) for k in range(count)]
 
 
-def _stacked(rows: Sequence[tuple[FloatArray, ...]], seen: NDArray[np.bool_]) -> Estimates:
+def _stacked(rows: Sequence[tuple[FloatArray, ...]], seen: Flags) -> Estimates:
     columns = [_one_array(column, seen.ndim - 2) for column in zip(*rows, strict=True)]
-    x, P, mu, log_likelihood, *innovation = columns
+    x, P, mu, log_likelihood, outlier, *innovation = columns
     with np.errstate(over="ignore", invalid="ignore"):
         nis = squared_residual(*innovation)
-    if not all(np.isfinite(column).all() for column in (x, P, mu, log_likelihood, nis)):
+    _require_finite(seen.ndim - 2, (x, P, mu, log_likelihood, nis))
+    gated = outlier > 0.0
+    used = seen & ~gated[..., None]
+    return Estimates(x, P, mu, log_likelihood, nis, used.sum(axis=-1).astype(np.float64), gated)
+
+
+def _require_finite(rows_axis: int, columns: Sequence[FloatArray]) -> None:
+    """Name the first row in which a number is not finite."""
+    if all(np.isfinite(column).all() for column in columns):
+        return
+    wrong = [~np.isfinite(np.moveaxis(column, rows_axis, 0)).reshape(column.shape[rows_axis], -1) for column in columns]
+    first = np.flatnonzero(np.concatenate(wrong, axis=1).any(axis=1))[0]
+    with _naming(int(first)):
         raise gaussian.overflow()
-    return Estimates(x, P, mu, log_likelihood, nis, channels=seen.sum(axis=-1).astype(np.float64))
 
 
 def _one_array(rows: Sequence[FloatArray], trials: int) -> FloatArray:

@@ -76,9 +76,16 @@ def predict_rmimm(system: StochasticSystem, state: ResidualBelief, u: FloatArray
 
 
 def update_rmimm(
-    system: StochasticSystem, prediction: ResidualPrediction, z: FloatArray, u: FloatArray | None = None
+    system: StochasticSystem,
+    prediction: ResidualPrediction,
+    z: FloatArray,
+    u: FloatArray | None = None,
+    *,
+    limits: FloatArray | None = None,
 ) -> tuple[ResidualBelief, Posterior]:
     """Return the state after the measurement z (..., p), and its posterior; the log-likelihood is that of an IMM.
+
+    With `limits`, those of `gate_limits`, an outlier counts as missing.
 
     >>> from deshybrid.stochastic.examples import calm_and_wild
     >>> system = calm_and_wild()
@@ -87,10 +94,10 @@ def update_rmimm(
     [[0.0], [0.0]]
     """
     bank, prior = system.comparable_bank, prediction.belief
-    correction = multiple.correct(bank, prior, z, u)
+    correction, gated = multiple.correct(bank, prior, z, u, limits)
     true = multiple.expected(bank, prediction.reached, _for_every_filter(u))  # (..., filter, true mode, p)
     ahead = true - multiple.expected(bank, prior.x, u)[..., :, None, :]
-    seen = ~np.isnan(z)[..., None, :] & bank.measured
+    seen = ~(np.isnan(z) | gated[..., None])[..., None, :] & bank.measured
     residual_mean = np.where(seen, np.einsum("...jip,...i->...jp", ahead, prior.mu), 0.0)
     drift = np.einsum("...jin,...i->...jn", prediction.reached, prior.mu) - prior.x
     weight = -np.log(np.maximum(np.sqrt(squared_norm(residual_mean, correction.S)), FLOOR))
@@ -98,7 +105,7 @@ def update_rmimm(
     _, log_likelihood = multiple.weighed(prior.log_mu, correction.log_likelihood)
     posterior = Belief(correction.x, correction.P, log_mu)
     state = ResidualBelief(posterior, drift - times(correction.gain, residual_mean))
-    return state, Posterior(posterior, log_likelihood, prior.mu, correction.residual, correction.S)
+    return state, Posterior(posterior, log_likelihood, prior.mu, correction.residual, correction.S, gated)
 
 
 def _for_every_filter(u: FloatArray | None) -> FloatArray | None:

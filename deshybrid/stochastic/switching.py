@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import gaussian
+from deshybrid.stochastic.gating import Flags, outliers
 from deshybrid.stochastic.gaussian import Correction
 from deshybrid.stochastic.lanes import times
 from deshybrid.stochastic.system import StochasticSystem
@@ -44,18 +45,30 @@ def update(
     z: FloatArray,
     *,
     u: FloatArray | None = None,
-) -> Correction:
+    limits: FloatArray | None = None,
+) -> tuple[Correction, Flags]:
     """Return the Gaussian given z (..., p) as `mode` (...) measures it; channels it does not measure are not read.
+
+    And whether z was an outlier, which with `limits`, those of `gate_limits`, counts as missing.
 
     >>> from deshybrid.stochastic.examples import calm_and_wild
     >>> system = calm_and_wild()
-    >>> update(system, system.x, system.P, np.array(0), np.array([2.0])).x.round(12).tolist()
+    >>> update(system, system.x, system.P, np.array(0), np.array([2.0]))[0].x.round(12).tolist()
     [1.0]
     """
     bank = system.bank
     offset = bank.g[mode] if u is None else times(bank.D[mode], u) + bank.g[mode]
-    residual = np.where(bank.measured[mode], z, np.nan) - times(bank.H[mode], x) - offset
-    return gaussian.update(x, P, residual, bank.H[mode], bank.R[mode])
+    measured = np.where(bank.measured[mode], z, np.nan)
+    residual = measured - times(bank.H[mode], x) - offset
+    correction = gaussian.update(x, P, residual, bank.H[mode], bank.R[mode])
+    if limits is None:
+        return correction, np.zeros(z.shape[:-1], dtype=np.bool_)
+    distance = correction.distance[..., None]
+    gated = outliers(distance, np.zeros_like(distance), measured, limits)
+    if gated.any():
+        residual = np.where(gated[..., None], np.nan, residual)
+        correction = gaussian.update(x, P, residual, bank.H[mode], bank.R[mode])
+    return correction, gated
 
 
 __all__ = ["ModeNumbers", "predict", "update"]

@@ -239,6 +239,66 @@ def test_numbers_that_overflow_end_in_a_coded_message_and_no_warning(tmp_path, m
     assert codes(caught) == ["DH1108"]
 
 
+@pytest.mark.parametrize("method", ["mmae", "imm", "rmimm", "skf"])
+def test_an_outlier_beyond_the_gate_counts_as_missing_and_is_told(tmp_path, method):
+    rows = [f"{k},{0.1 * (-1) ** k},calm" for k in range(12)]
+    hit, holed = (
+        "\n".join(["time,y,true_location", *rows[:6], f"6,{cell},calm", *rows[7:], ""]) for cell in ("1000", "")
+    )
+    expected = estimate_trace(loads(WALK), trace(tmp_path, holed), method=method)
+    made = estimate_trace(loads(WALK), trace(tmp_path, hit), method=method, gate=0.9999)
+    np.testing.assert_array_equal(made.estimates.x, expected.estimates.x)
+    np.testing.assert_array_equal(made.estimates.mu, expected.estimates.mu)
+    assert made.record()["outliers"] == [7]
+    assert made.consistency == expected.consistency
+    assert "outliers: 1 rows beyond the gate of 0.9999" in str(made)
+
+
+def test_a_row_that_one_mode_explains_is_no_outlier(tmp_path):
+    """5 is 4.5 standard deviations from what `calm` expects, 1.5 from what `wild` expects."""
+    made = estimate_trace(loads(WALK), trace(tmp_path, "time,y\n0,0\n1,5\n"), gate=0.999)
+    assert not made.estimates.gated.any()
+
+
+@pytest.mark.parametrize("gate", ["0", "1", "1.5", "nan"])
+def test_a_gate_that_is_no_probability_is_refused(gate):
+    done = run("estimate", TURN, "--trace", FLIGHT, "--gate", gate)
+    assert (done.returncode, "DH1111" in done.stderr) == (2, True)
+
+
+def test_events_that_no_filter_reads_are_told(tmp_path):
+    (tmp_path / "walk.yaml").write_text(WALK)
+    done = run("estimate", tmp_path / "walk.yaml", "--trace", trace(tmp_path, "time,y,event\n0,1,\n1,2,press\n2,1,x\n"))
+    assert done.returncode == 0
+    assert "warning[DH1110]: no filter reads the events of the trace; there are 2, the first in row 2" in done.stderr
+
+
+@pytest.mark.parametrize("method", ["mmae", "imm", "rmimm", "skf"])
+def test_the_row_in_which_a_filter_fails_is_named(tmp_path, method):
+    text = "time,y,true_location\n0,1,calm\n1,2,calm\n2,1e250,calm\n3,1,calm\n"
+    with pytest.raises(UsageError) as caught:
+        estimate_trace(loads(WALK), trace(tmp_path, text), method=method)
+    assert caught.value.diagnostics[0].message.startswith("row 3: ")
+
+
+def test_nees_says_how_many_rows_lie_in_the_band_of_one_row():
+    score = estimate_trace(TURN, FLIGHT).record()["score"]
+    assert 0.9 < score["nees_within_95"] <= 1.0
+
+
+def test_the_plot_shows_probabilities_residuals_and_states_and_is_the_same_for_the_same_trace(tmp_path):
+    pytest.importorskip("matplotlib")
+    for name in ("a.svg", "b.svg"):
+        done = run(
+            "estimate", TURN, "--trace", FLIGHT, "--gate", "0.99", "--plot", tmp_path / name, "-o", tmp_path / "out"
+        )
+        assert (done.returncode, done.stderr) == (0, "")
+    first = (tmp_path / "a.svg").read_text()
+    assert first == (tmp_path / "b.svg").read_text()
+    for text in ("probability", "NIS, 1 expected", "turn: imm", "CV", "CT", "x1", "v2", "estimate", "true"):
+        assert f">{text}<" in first, text
+
+
 def test_what_the_model_lacks_is_told_before_the_trace_is_read(tmp_path):
     done = run("estimate", ROOT / "models/balluchi2012/driveline.yaml", "--trace", tmp_path / "none.csv")
     assert done.returncode == 2
