@@ -21,6 +21,7 @@ from deshybrid.diagnostics import (
     catalogue,
     diagnostic,
 )
+from deshybrid.estimate_command import estimate
 from deshybrid.fit_command import fit
 from deshybrid.observer import MAX_TABLE
 from deshybrid.options import (
@@ -29,11 +30,8 @@ from deshybrid.options import (
     DrawFormat,
     DrawWhat,
     DwellTime,
-    EstimatePlot,
     Every,
-    FilterMethod,
     GainMethod,
-    Gate,
     MaxMemory,
     MaxStates,
     Model,
@@ -66,6 +64,7 @@ app = typer.Typer(
 )
 app.command()(analyse)
 app.command()(campaign)
+app.command()(estimate)
 app.command()(fit)
 
 
@@ -269,31 +268,6 @@ def run(
     if samples.true_location is not None:
         result = score(samples, estimates)
         tell_beside(output, to_json(result.record()) if as_json else f"{result}\n")
-
-
-@app.command()
-def estimate(
-    model: Model,
-    trace: TraceFile,
-    method: FilterMethod = "imm",
-    gate: Gate = None,
-    plot: EstimatePlot = None,
-    as_json: AsJson = False,
-    output: Output = None,
-) -> None:
-    """Estimate location and state of a stochastic model on a trace; log-likelihood and score at the end."""
-    from deshybrid import estimation
-    from deshybrid.emit.files import write_whole
-    from deshybrid.emit.records import to_json
-
-    with working("estimating"):
-        made = estimation.estimate_trace(model, trace, method=method, gate=gate)
-        picture = None if plot is None else estimation.plot(made)
-    if plot is not None and picture is not None:
-        write_whole(plot, picture)
-    _write(output, made.csv())
-    say(made.problems)
-    tell_beside(output, to_json(made.record()) if as_json else f"{made}\n")
 
 
 @app.command()

@@ -31,6 +31,7 @@ LEVEL = {
     "console": 7,
     "analysis_command": 9,
     "campaign_command": 9,
+    "estimate_command": 9,
     "fit": 6,
     "fit_command": 9,
     "cli": 10,
