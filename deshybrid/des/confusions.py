@@ -121,7 +121,7 @@ def _way_round(separation: Separation, location: str) -> tuple[tuple[Shown, ...]
     around, after = cycle_before(graph, graph.nodes.index(location))
     before = graph.path_to(graph.arcs[around[0]][0])
     taken = [graph.arcs[arc][1] for arc in (*before, *around, *after)]
-    run = tuple(Shown(number, des.transitions[number].seen[0]) for number in taken)
+    run = tuple(Shown(number, des.transitions[number].occurrences[0]) for number in taken)
     return run, (len(before), len(before) + len(around))
 
 
@@ -188,7 +188,7 @@ def _shown(separation: Separation, move: _Move) -> tuple[Shown | None, Shown | N
         return None, Shown(second, None)
     if second == STAYS:
         return Shown(first, None), None
-    output: Output | None = next(seen for seen in arcs[first].seen if seen in arcs[second].seen)
+    output: Output = next(shown for shown in arcs[first].occurrences if shown in arcs[second].occurrences)
     return Shown(first, output), Shown(second, output)
 
 

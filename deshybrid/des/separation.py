@@ -37,7 +37,10 @@ STAYS = -1  # in place of a transition: this run does not move
 
 
 class Shown(NamedTuple):
-    """One step of a run: the number of the transition, and the output that it shows (without new signatures)."""
+    """One step of a run: the number of the transition, and what it shows (without new signatures).
+
+    An output that is nothing but a command stands for silence under it, None for silence under whichever.
+    """
 
     transition: int
     output: Output | None

@@ -4,12 +4,13 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 
-from deshybrid.des.automaton import DES, Output
+from deshybrid.des.automaton import DES, Output, Transition
 from deshybrid.des.candidates import Candidate
 from deshybrid.des.minimum import MinimumSets
 from deshybrid.des.observability import ObservabilityReport
 from deshybrid.des.observer import LocationObserver
 from deshybrid.des.plan import Constraint, Signature, SignaturePlan
+from deshybrid.des.separation import Shown
 from deshybrid.des.witness import Witness
 
 
@@ -102,12 +103,17 @@ def signature_record(des: DES, signature: Signature) -> dict[str, object]:
 
 
 def system_record(des: DES) -> dict[str, object]:
-    """Return the DES that a plan is for; an output null is ε."""
+    """Return the DES that a plan is for; an output null is ε.  A fifth entry of a transition lists its commands."""
     return {
         "locations": list(des.locations),
         "initial": list(des.initial),
-        "transitions": [[t.source, t.event, t.target, [_text(seen) for seen in t.seen]] for t in des.transitions],
+        "transitions": [_transition_record(t) for t in des.transitions],
     }
+
+
+def _transition_record(t: Transition) -> list[object]:
+    outputs = list(dict.fromkeys(_text(shown) for shown in t.occurrences))
+    return [t.source, t.event, t.target, outputs, *([list(t.commands)] if t.commands else [])]
 
 
 def candidate_records(candidates: Iterable[Candidate]) -> list[dict[str, object]]:
@@ -146,10 +152,16 @@ def _constraint_record(constraint: Constraint) -> dict[str, object]:
         "condition": constraint.condition,
         "transitions": list(constraint.transitions),
         "detectors": list(constraint.detectors),
-        "runs": [[[step.transition, _text(step.output)] for step in run] for run in constraint.runs],
+        "runs": [[_step_record(step) for step in run] for run in constraint.runs],
         "cycles": [list(cycle) for cycle in constraint.cycles],
     }
 
 
+def _step_record(step: Shown) -> list[object]:
+    command = None if step.output is None else step.output.command
+    return [step.transition, _text(step.output), *([] if command is None else [command])]
+
+
 def _text(output: Output | None) -> str | None:
-    return None if output is None else str(output)
+    """What is seen beside the command."""
+    return None if output is None or output.is_nothing else str(output._replace(command=None))

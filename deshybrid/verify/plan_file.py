@@ -13,16 +13,21 @@ from typing import NamedTuple, NoReturn, TypeAlias, TypeVar
 from deshybrid.diagnostics import UsageError, diagnostic
 
 T = TypeVar("T")
-Step: TypeAlias = tuple[int, str | None]
+Step: TypeAlias = tuple[int, str | None, str | None]  # transition, output, command
 
 
 class Arc(NamedTuple):
-    """One transition; an output None is ε."""
+    """One transition; an output None is ε.  `commands` permit it; where none is known, `commands` is (None,)."""
 
     source: str
     event: str
     target: str
     outputs: tuple[str | None, ...]
+    commands: tuple[str | None, ...]
+
+    def coincides(self, other: "Arc") -> bool:
+        """Return whether some command permits both."""
+        return None in self.commands + other.commands or not set(self.commands).isdisjoint(other.commands)
 
 
 class Offer(NamedTuple):
@@ -106,12 +111,15 @@ def read_plan(document: Mapping[str, object]) -> Plan:
 
 
 def _arc(value: object, where: str, locations: tuple[str, ...]) -> Arc:
-    row = _list(value, where, 4)
+    row = _list(value, where)
+    _require(len(row) in (4, 5), where, "4 entries, and perhaps a list of commands")
     source, event, target = _texts(row[:3], where)
     _require(source in locations and target in locations, where, "known locations")
     outputs = _each(row[3], f"{where}[3]", _output)
     _require(bool(outputs), f"{where}[3]", "an output, null for none")
-    return Arc(source, event, target, outputs)
+    commands = _texts(row[4], f"{where}[4]") if len(row) > 4 else (None,)
+    _require(bool(commands), f"{where}[4]", "a command")
+    return Arc(source, event, target, outputs, commands)
 
 
 def _offer(value: object, where: str, locations: tuple[str, ...], arcs: int) -> Offer:
@@ -158,8 +166,9 @@ def _constraint(value: object, where: str, names: list[str], arcs: int) -> Claim
 
 
 def _step(value: object, where: str, arcs: int) -> Step:
-    row = _list(value, where, 2)
-    return _whole(row[0], where, arcs), _output(row[1], where)
+    row = _list(value, where)
+    _require(len(row) in (2, 3), where, "a transition, an output, and perhaps a command")
+    return _whole(row[0], where, arcs), _output(row[1], where), _output(row[2], where) if len(row) > 2 else None
 
 
 def _output(value: object, where: str) -> str | None:

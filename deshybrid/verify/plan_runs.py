@@ -8,12 +8,12 @@ Cost: linear in the runs; |Q|² · branching² for the plan.  Source: Balluchi e
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import NamedTuple, TypeAlias, TypeVar
 
-from deshybrid.verify.plan_file import Claimed, Plan, Step
+from deshybrid.verify.plan_file import Arc, Claimed, Plan, Step
 
-Seen: TypeAlias = tuple[str | None, frozenset[str | int]]
+Seen: TypeAlias = tuple[str | None, frozenset[str | int], str | None]  # output, marks, command
 Marks: TypeAlias = Mapping[int, frozenset[str | int]]
 Node = TypeVar("Node")
 _BARE: frozenset[str | int] = frozenset()
@@ -30,9 +30,9 @@ class Choice(NamedTuple):
 def choices(plan: Plan) -> tuple[Choice, ...]:
     """Return everything that a plan can choose."""
     there = {offer.generator for offer in plan.offers if offer.residual}
-    beside: dict[str, set[str]] = {}
+    leaving: dict[str, list[Arc]] = {}
     for arc in plan.arcs:
-        beside.setdefault(arc.source, {arc.source}).add(arc.target)
+        leaving.setdefault(arc.source, []).append(arc)
     found = []
     for number, offer in enumerate(plan.offers):
         own = (frozenset((offer.generator,)),) if offer.residual else ()
@@ -41,7 +41,8 @@ def choices(plan: Plan) -> tuple[Choice, ...]:
             continue
         for taken in offer.transitions:
             source = plan.arcs[taken].source
-            others = frozenset(beside[source] - {offer.locations[0]})
+            beside = {arc.target for arc in leaving[source] if arc.coincides(plan.arcs[taken])}
+            others = frozenset(({source} | beside) - {offer.locations[0]})
             deniable = offer.negation and source != offer.locations[0] and others <= there
             ways = (*own, *((others,) if deniable else ()))
             found += [Choice(number, (taken,), ways)] if ways else []
@@ -73,12 +74,12 @@ def _faults(plan: Plan, run: tuple[Step, ...], cycle: tuple[int, int]) -> Iterat
     if not 0 <= start < stop <= len(run):
         yield "a run has no cycle"
         return
-    arcs = [plan.arcs[number] for number, _ in run]
+    arcs = [plan.arcs[number] for number, _, _ in run]
     if arcs[0].source not in plan.initial:
         yield "a run does not start in an initial location"
     if any(before.target != after.source for before, after in pairwise(arcs)):
         yield "a run does not hang together"
-    if any(output not in arc.outputs for arc, (_, output) in zip(arcs, run, strict=True)):
+    if any(output not in arc.outputs for arc, (_, output, _) in zip(arcs, run, strict=True)):
         yield "a run shows what its transitions cannot show"
     if arcs[start].source != arcs[stop - 1].target:
         yield "a cycle does not lead back"
@@ -99,7 +100,7 @@ def _beside(plan: Plan, open_to: tuple[Choice, ...], claimed: Claimed) -> Marks:
 def _c1_faults(claimed: Claimed, marks: Marks) -> tuple[str, ...]:
     (run,), ((_, stop),) = claimed.runs, claimed.cycles
     faults = [] if stop < len(run) else ["the silent step is no exit after the cycle"]
-    last, output = run[-1]
+    last, output, _ = run[-1]
     return tuple(faults if output is None and not marks.get(last) else [*faults, "the last step shows something"])
 
 
@@ -111,6 +112,9 @@ def _c2_faults(plan: Plan, claimed: Claimed, marks: Marks) -> tuple[str, ...]:
     one, other = (_parts(run, cycle) for run, cycle in zip(claimed.runs, claimed.cycles, strict=True))
     if [_word(steps, marks) for steps in one] != [_word(steps, marks) for steps in other]:
         faults.append("the runs do not show the same")
+    shows = (step for step in (*first, *second) if step[1] is not None or marks.get(step[0]))
+    if any(command not in plan.arcs[number].commands for number, _, command in shows):
+        faults.append("a step shows something under a command that does not permit it")
     return tuple(faults)
 
 
@@ -120,8 +124,8 @@ def _parts(run: tuple[Step, ...], cycle: tuple[int, int]) -> tuple[tuple[Step, .
 
 
 def _word(steps: Iterable[Step], marks: Marks) -> list[Seen]:
-    seen = ((output, marks.get(number, _BARE)) for number, output in steps)
-    return [both for both in seen if both != (None, _BARE)]
+    seen = ((output, marks.get(number, _BARE), command) for number, output, command in steps)
+    return [shown for shown in seen if shown[:2] != (None, _BARE)]
 
 
 def plan_faults(plan: Plan, open_to: tuple[Choice, ...]) -> tuple[str, ...]:
@@ -183,9 +187,8 @@ def _moves(plan: Plan, location: str, marks: Marks) -> dict[Seen, set[str]]:
     found: dict[Seen, set[str]] = {}
     for number, arc in enumerate(plan.arcs):
         if arc.source in ready:
-            for output in arc.outputs:
-                seen = (output, marks.get(number, _BARE))
-                if seen != (None, _BARE):
+            for seen in product(arc.outputs, (marks.get(number, _BARE),), arc.commands):
+                if seen[:2] != (None, _BARE):
                     found.setdefault(seen, set()).add(arc.target)
     return found
 

@@ -2,6 +2,7 @@
 
 import random
 from dataclasses import replace
+from typing import NamedTuple
 
 import pytest
 from hypothesis import given, settings
@@ -99,6 +100,12 @@ def test_observer_of_a_discrete_model_says_what_outputs_and_commands_leave_possi
     assert seen > 100
 
 
+class Remembered(NamedTuple):
+    """What the observer remembers of commands."""
+
+    command_age: tuple[int, ...]
+
+
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 4), st.booleans()), max_size=30), st.integers(1, 5), st.integers(0, 1))
 def test_a_value_counts_where_it_was_on_lately_and_since_the_last_transition(
@@ -106,9 +113,7 @@ def test_a_value_counts_where_it_was_on_lately_and_since_the_last_transition(
 ) -> None:
     """The command has three values; codes 0 and 4 tell nothing, so that all three may be on."""
     tables = {"commands": (3,), "window_ticks": window, "command_slack": slack}
-    state = reference.start(
-        tables | {"generators": (), "initial": 0, "flow_defined": (), "start": (), "tracker": _Unknown()}
-    )
+    state = Remembered((window + 1,) * 3)
     on: list[set[int]] = []
     since = 0
     for row, (code, moves) in enumerate(rows):
@@ -119,8 +124,3 @@ def test_a_value_counts_where_it_was_on_lately_and_since_the_last_transition(
             assert reference.allowed(state.command_age, ticks) == sum(1 << value for value in expected)
         if moves:
             state, since = reference.settle(tables, state), max(since, row - slack)
-
-
-class _Unknown:
-    def known(self, state: int) -> tuple[int, bool]:
-        return -1, False

@@ -17,7 +17,7 @@ from deshybrid.diagnostics import UsageError
 from deshybrid.emit.records import plan_parts, recover_record
 from deshybrid.verify import verify_plan
 from deshybrid.verify.hitting import costs_at_least
-from tests.strategies import random_candidates, random_des, random_detectors
+from tests.strategies import commanded, random_candidates, random_des, random_detectors
 
 Tree = dict[str, Any]
 
@@ -30,12 +30,13 @@ def written(des: DES, candidates: tuple[Candidate, ...], *, rounds: int = 10_000
     return tree
 
 
-def plans(count: int) -> list[Tree]:
+def plans(count: int, *, commands: bool = False) -> list[Tree]:
     """Plans of random systems that need something, some with initial locations and detectors."""
     found, seed = list[Tree](), 0
     while len(found) < count:
         rng = random.Random(seed)
         des = random_des(rng, locations=rng.randint(3, 6), transitions=8)
+        des = commanded(rng, des) if commands else des
         tree = written(des, (*random_candidates(rng, des), *random_detectors(rng, des)))
         found += [tree] if tree["recoverable"] and tree["constraints"] else []
         seed += 1
@@ -46,6 +47,31 @@ def test_every_plan_of_random_systems_is_proved() -> None:
     for tree in plans(60):
         report = verify_plan(tree)
         assert report.holds, report
+
+
+def test_every_plan_with_known_commands_is_proved_and_needs_them() -> None:
+    """Without the commands in the file, many a plan that relies on them is refused."""
+    refused = 0
+    for tree in plans(60, commands=True):
+        report = verify_plan(tree)
+        assert report.holds, report
+        for arc in tree["system"]["transitions"]:
+            del arc[4:]
+        refused += not verify_plan(tree).holds
+    assert refused > 10
+
+
+def test_a_run_under_a_command_that_does_not_permit_it_forces_nothing() -> None:
+    changed = 0
+    for tree in plans(20, commands=True):
+        for constraint in tree["constraints"]:
+            if constraint["condition"] == "C2" and all(len(run[-1]) > 2 for run in constraint["runs"]):
+                for run in constraint["runs"]:
+                    run[-1][2] = "never"
+                changed += 1
+                assert "its runs force it" in str(verify_plan(tree))
+                break
+    assert changed > 5
 
 
 def test_a_plan_that_a_limit_has_left_open_is_proved_with_its_gap() -> None:
