@@ -7,8 +7,8 @@ Source: Hwang, Balakrishnan and Tomlin (2003), section 2.
 from dataclasses import dataclass
 
 from deshybrid.diagnostics import Diagnostic, diagnostic
+from deshybrid.stochastic.distance import OutputDistance
 from deshybrid.stochastic.observability import LiteralVerdict, literal_verdict
-from deshybrid.stochastic.separation import Separation
 from deshybrid.stochastic.system import StochasticSystem
 from deshybrid.stochastic.telling_apart import ModePair, SwitchComparison, Window, compare_modes, compare_switches
 
@@ -77,8 +77,7 @@ class Observability:
         ]
         for pair in self.pairs:
             text = _rows_text(pair.differ_from, pair.distance, window.error)
-            worst = pair.rows_needed_from_worst_states(window.error) or f"over {window.rows}"
-            lines.append(f"  {pair.first} | {pair.second}: {text}; from the worst states: {worst} or more")
+            lines.append(f"  {pair.first} | {pair.second}: {text}; whatever the state: {_whatever(pair, window)}")
         for switch in self.switches:
             text = _rows_text(switch.differ_from, switch.distance, window.error)
             known = "" if switch.time_known_to is None else f"; its time is known to {switch.time_known_to}"
@@ -122,7 +121,7 @@ def _holds(verdict: bool) -> str:
     return "holds" if verdict else "fails"
 
 
-def _distance_record(distance: Separation, error: float) -> dict[str, object]:
+def _distance_record(distance: OutputDistance, error: float) -> dict[str, object]:
     forward, backward, middle = distance.per_row()
     return {
         "rows_needed": distance.rows_needed(error),
@@ -134,7 +133,7 @@ def _distance_record(distance: Separation, error: float) -> dict[str, object]:
     }
 
 
-def _rows_text(differ_from: int | None, distance: Separation, error: float) -> str:
+def _rows_text(differ_from: int | None, distance: OutputDistance, error: float) -> str:
     if differ_from is None:
         return "never"
     needed, enough = distance.rows_needed(error), distance.rows_that_suffice(error)
@@ -143,7 +142,13 @@ def _rows_text(differ_from: int | None, distance: Separation, error: float) -> s
     return f"outputs differ from row {differ_from} on; {needed} rows needed, {enough or 'more'} suffice"
 
 
-def _growth(distance: Separation) -> str:
+def _whatever(pair: ModePair, window: Window) -> str:
+    """The rows that a test needs which has to work for every state, and so for the worst ones and on average."""
+    worst, mean = pair.rows_needed_from_worst_states(window.error), pair.distance.rows_needed(window.error)
+    return f"over {window.rows}" if worst is None or mean is None else f"{max(worst, mean)} or more"
+
+
+def _growth(distance: OutputDistance) -> str:
     *_, last = distance.per_row()
     total = float(distance.bhattacharyya[-1])
     return f"the Bhattacharyya distance at the end of the window is {total:.4g}; the last row added {last:.2g}"

@@ -11,7 +11,7 @@ mode, with the nearest outputs, anew for every window.
 A switch is compared with no switch at all, and with a switch that many rows later.  Its rows count from the first row
 of the new mode, which governs the step to that row (`stochastic/system.py`): 1 is "at once".
 
-O((N p)³) for each comparison.  Source: Hwang, Balakrishnan and Tomlin (2003), section 2; distances: `separation`.
+O((N p)³) for each comparison.  Source: Hwang, Balakrishnan and Tomlin (2003), section 2; distances: `output_distance`.
 """
 
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ import numpy as np
 
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray
+from deshybrid.stochastic.distance import OutputDistance, chernoff_distance, least_error, output_distance, unexplained
 from deshybrid.stochastic.observability import rows_that_agree
 from deshybrid.stochastic.outputs import OutputGaussian, staying, switching_once
-from deshybrid.stochastic.separation import Separation, chernoff_distance, least_error, separation, unexplained
 from deshybrid.stochastic.system import Mode, StochasticSystem
 
 
@@ -58,7 +58,7 @@ class ModePair:
     second: str
     covariances_differ_from: int | None
     differ_from: int | None
-    distance: Separation
+    distance: OutputDistance
     worst_states: FloatArray
 
     def rows_needed_from_worst_states(self, error: float) -> int | None:
@@ -78,7 +78,7 @@ class SwitchComparison:
     source: str
     target: str
     differ_from: int | None
-    distance: Separation
+    distance: OutputDistance
     time_known_to: int | None
 
 
@@ -106,7 +106,7 @@ def compare_modes(
                 second.name,
                 _first_after(covariance, window.rows),
                 _first_after(both, window.rows),
-                separation(one, two),
+                output_distance(one, two),
                 _from_worst_states(first, second, window.rows, u),
             )
         )
@@ -144,9 +144,9 @@ def _compared(
 
     switched, stayed = switching(before), switching(total)
     _, agreeing = rows_that_agree(switched, stayed)
-    whole = separation(switched, stayed)
+    whole = output_distance(switched, stayed)
     parts = (whole.forward, whole.backward, whole.bhattacharyya, whole.chernoff)
-    distance = Separation(*(part[before:] for part in parts))
+    distance = OutputDistance(*(part[before:] for part in parts))
     known_to = None
     if distance.rows_that_suffice(window.error) is not None:
         later = range(1, window.rows + 1)

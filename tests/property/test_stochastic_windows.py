@@ -9,8 +9,8 @@ from scipy.stats import norm
 
 from deshybrid.diagnostics import UsageError
 from deshybrid.linear.observability import observability_index, observability_matrix
+from deshybrid.stochastic.distance import output_distance, unexplained
 from deshybrid.stochastic.outputs import OutputGaussian, output_gaussian, staying, switching_once
-from deshybrid.stochastic.separation import separation, unexplained
 from deshybrid.stochastic.telling_apart import Window, compare_modes, compare_switches
 from tests.naive_windows import bhattacharyya, covariance_as_printed, kullback_leibler, stacked_outputs
 from tests.strategies import random_stochastic_system
@@ -50,7 +50,7 @@ def test_distances_of_every_window_are_those_of_its_own_block(seed):
     rng = np.random.default_rng(seed)
     system = random_stochastic_system(rng)
     one, two = (staying(mode, 5, x=system.x, P=system.P) for mode in system.modes[:2])
-    made, p = separation(one, two), len(system.modes[0].g)
+    made, p = output_distance(one, two), len(system.modes[0].g)
     for rows in range(1, 6):
         end = rows * p
         block = (one.mean[:end], one.covariance[:end, :end], two.mean[:end], two.covariance[:end, :end])
@@ -70,7 +70,7 @@ def test_chernoff_distance_of_two_numbers_is_the_integral_of_its_definition():
     """The largest over the exponents of -ln ∫ p^s q^(1-s), with p = N(0, 1) and q = N(1, 9)."""
     p, q = norm(0.0, 1.0).pdf, norm(1.0, 3.0).pdf
     values = [-np.log(quad(lambda x, s=s: p(x) ** s * q(x) ** (1 - s), -60, 60)[0]) for s in np.arange(1, 10) / 10]
-    assert separation(gaussian(0.0, 1.0), gaussian(1.0, 9.0)).chernoff[0] == pytest.approx(max(values), rel=1e-8)
+    assert output_distance(gaussian(0.0, 1.0), gaussian(1.0, 9.0)).chernoff[0] == pytest.approx(max(values), rel=1e-8)
 
 
 @given(seed=seeds)
@@ -83,7 +83,7 @@ def test_no_pair_of_states_is_nearer_than_the_worst(seed):
     worst = compare_modes(system, Window(rows=rows))[0].worst_states
     for _ in range(5):
         x, y = rng.standard_normal((2, n)) * 3.0
-        known = separation(staying(one, rows, x=x, P=nothing), staying(two, rows, x=y, P=nothing))
+        known = output_distance(staying(one, rows, x=x, P=nothing), staying(two, rows, x=y, P=nothing))
         assert (known.bhattacharyya >= worst - 1e-9).all()
 
 
@@ -101,7 +101,9 @@ def test_some_pair_of_states_is_as_near_as_the_worst(seed):
     gap = outputs[0].mean - outputs[1].mean
     states = -np.linalg.pinv(free.T @ weight @ free, rcond=1e-10) @ free.T @ weight @ gap
     known = [staying(m, rows, x=s, P=nothing) for m, s in ((one, states[:n]), (two, states[n:]))]
-    assert unexplained(*outputs, free)[-1] == pytest.approx(separation(*known).bhattacharyya[-1], rel=1e-5, abs=1e-8)
+    assert unexplained(*outputs, free)[-1] == pytest.approx(
+        output_distance(*known).bhattacharyya[-1], rel=1e-5, abs=1e-8
+    )
 
 
 def error_of_the_likelihood_ratio(one: OutputGaussian, two: OutputGaussian, rows: int, seed: int) -> float:
@@ -125,7 +127,7 @@ def test_drawn_windows_are_named_as_well_as_the_rows_say(seed):
     rng = np.random.default_rng(seed)
     system = random_stochastic_system(rng)
     one, two = (staying(mode, 60, x=system.x, P=system.P) for mode in system.modes[:2])
-    distance, error = separation(one, two), 0.02
+    distance, error = output_distance(one, two), 0.02
     enough, needed = distance.rows_that_suffice(error), distance.rows_needed(error)
     assert enough is not None
     assert needed is not None
@@ -147,17 +149,26 @@ def test_a_switch_is_compared_over_the_rows_of_the_new_mode():
             assert found.distance.bhattacharyya[rows - 1] == pytest.approx(bhattacharyya(*blocks), rel=1e-7)
 
 
+def test_drawn_switches_are_timed_as_well_as_the_comparison_says():
+    """A switch, and one `time_known_to` rows later, are told apart by the whole window with the stated error."""
+    system, window = random_stochastic_system(np.random.default_rng(8)), Window(rows=12, before=3, error=0.05)
+    found = next(f for f in compare_switches(system, window) if f.time_known_to is not None)
+    source, target = (system.modes[system.names.index(name)] for name in (found.source, found.target))
+    one, two = (switching_once(source, target, at, 15, x=system.x, P=system.P) for at in (3, 3 + found.time_known_to))
+    assert error_of_the_likelihood_ratio(one, two, 15, seed=4) <= 0.05 + 4 * np.sqrt(0.05 / 40_000)
+
+
 def test_before_the_switch_no_distance_has_grown():
     system = random_stochastic_system(np.random.default_rng(9))
     one, two = (switching_once(*system.modes[:2], at, 8, x=system.x, P=system.P) for at in (3, 8))
-    np.testing.assert_allclose(separation(one, two).bhattacharyya[:3], 0.0, atol=1e-9)
+    np.testing.assert_allclose(output_distance(one, two).bhattacharyya[:3], 0.0, atol=1e-9)
 
 
 def test_identical_modes_are_never_told_apart():
     system = random_stochastic_system(np.random.default_rng(10))
     mode = system.modes[0]
     twin = [staying(mode, 30, x=system.x, P=system.P)] * 2
-    distance = separation(*twin)
+    distance = output_distance(*twin)
     np.testing.assert_allclose(distance.chernoff, 0.0, atol=1e-9)
     assert distance.rows_needed(0.4) is None
     assert distance.rows_that_suffice(0.4) is None
@@ -166,7 +177,7 @@ def test_identical_modes_are_never_told_apart():
 def test_outputs_without_noise_have_no_density_and_the_message_says_from_which_row_on():
     silent = OutputGaussian(3, np.zeros(3), np.ones((3, 3)))
     with pytest.raises(UsageError) as caught:
-        separation(silent, silent)
+        output_distance(silent, silent)
     assert caught.value.diagnostics[0].code == "DH1201"
     assert "up to row 2" in caught.value.diagnostics[0].message
 

@@ -12,10 +12,10 @@ import pytest
 from deshybrid.analysis.whole import Question, analyse
 from deshybrid.diagnostics import UsageError
 from deshybrid.model.load import load, loads
+from deshybrid.stochastic.distance import output_distance
 from deshybrid.stochastic.from_model import stochastic_system
 from deshybrid.stochastic.observability import literal_verdict
 from deshybrid.stochastic.outputs import staying
-from deshybrid.stochastic.separation import separation
 from deshybrid.stochastic.sojourn import Demand, sojourn_bound
 from deshybrid.stochastic.steady_state import steady_state
 from deshybrid.stochastic.system import Mode, ModeTransition, StochasticSystem
@@ -107,7 +107,7 @@ def test_a_known_input_tells_modes_apart_that_differ_in_nothing_but_its_effect()
     system = StochasticSystem(modes, chain, x=[0.0], P=[[1.0]], mu=[0.5, 0.5])
     for amplitude, enough in ((0.0, False), (1.0, True)):
         u = np.full((50, 1), amplitude)
-        distance = separation(*(staying(mode, 50, x=[0.0], P=[[1.0]], u=u) for mode in modes))
+        distance = output_distance(*(staying(mode, 50, x=[0.0], P=[[1.0]], u=u) for mode in modes))
         assert (distance.rows_that_suffice(0.01) is not None) is enough
     assert analyse_pairs(system, Window(rows=50))[0].differ_from is None
 

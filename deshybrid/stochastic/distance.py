@@ -24,7 +24,7 @@ EXPONENTS = tuple(number / 10 for number in range(1, 10))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Separation:
+class OutputDistance:
     """Distances of two Gaussians on windows of 1, ..., N rows, each (N,), in nats.
 
     `forward` is the Kullback-Leibler divergence of the second from the first, mean of ln(p_1 / p_2) under the first;
@@ -48,7 +48,7 @@ class Separation:
         >>> from deshybrid.stochastic.examples import calm_and_wild
         >>> from deshybrid.stochastic.outputs import staying
         >>> outputs = [staying(mode, 40, x=[0.0], P=[[1.0]]) for mode in calm_and_wild().modes]
-        >>> [round(growth, 3) for growth in separation(*outputs).per_row()]
+        >>> [round(growth, 3) for growth in output_distance(*outputs).per_row()]
         [0.626, 5.912, 0.252]
         """
         parts = (self.forward, self.backward, self.bhattacharyya)
@@ -61,7 +61,7 @@ class Separation:
         >>> from deshybrid.stochastic.examples import calm_and_wild
         >>> from deshybrid.stochastic.outputs import staying
         >>> outputs = [staying(mode, 40, x=[0.0], P=[[1.0]]) for mode in calm_and_wild().modes]
-        >>> separation(*outputs).rows_that_suffice(0.01)
+        >>> output_distance(*outputs).rows_that_suffice(0.01)
         16
         """
         return _first(0.5 * np.exp(-self.chernoff) <= error)
@@ -72,7 +72,7 @@ class Separation:
         >>> from deshybrid.stochastic.examples import calm_and_wild
         >>> from deshybrid.stochastic.outputs import staying
         >>> outputs = [staying(mode, 40, x=[0.0], P=[[1.0]]) for mode in calm_and_wild().modes]
-        >>> separation(*outputs).rows_needed(0.01)
+        >>> output_distance(*outputs).rows_needed(0.01)
         8
         """
         return _first(least_error(self.bhattacharyya) <= error)
@@ -89,7 +89,7 @@ def least_error(bhattacharyya: FloatArray) -> FloatArray:
     return bound
 
 
-def separation(first: OutputGaussian, second: OutputGaussian) -> Separation:
+def output_distance(first: OutputGaussian, second: OutputGaussian) -> OutputDistance:
     """Return the distances of two Gaussians over the same rows; O((N p)³).
 
     Raises `UsageError` (DH1201) where a covariance is not positive definite in double precision.
@@ -97,11 +97,11 @@ def separation(first: OutputGaussian, second: OutputGaussian) -> Separation:
     >>> from deshybrid.stochastic.examples import calm_and_wild
     >>> from deshybrid.stochastic.outputs import staying
     >>> calm, wild = (staying(mode, 3, x=[0.0], P=[[1.0]]) for mode in calm_and_wild().modes)
-    >>> separation(calm, wild).bhattacharyya.round(3).tolist()  # one row shows no process noise
+    >>> output_distance(calm, wild).bhattacharyya.round(3).tolist()  # one row shows no process noise
     [0.0, 0.195, 0.427]
     """
     p, L1, L2 = _outputs(first), _factor(first), _factor(second)
-    return Separation(
+    return OutputDistance(
         _kullback_leibler(first, second, L1, L2)[p - 1 :: p],
         _kullback_leibler(second, first, L2, L1)[p - 1 :: p],
         _chernoff(first, second, L1, L2, 0.5)[p - 1 :: p],
@@ -110,7 +110,7 @@ def separation(first: OutputGaussian, second: OutputGaussian) -> Separation:
 
 
 def chernoff_distance(first: OutputGaussian, second: OutputGaussian) -> FloatArray:
-    """Return the Chernoff distance (N,) of every window, the largest over `EXPONENTS`; raises as `separation`.
+    """Return the Chernoff distance (N,) of every window, the largest over `EXPONENTS`; raises as `output_distance`.
 
     >>> from deshybrid.stochastic.examples import calm_and_wild
     >>> from deshybrid.stochastic.outputs import staying
@@ -215,4 +215,12 @@ def _least_square(free: FloatArray, difference: FloatArray) -> float:
     return float(left @ left)
 
 
-__all__ = ["EXPONENTS", "Separation", "chernoff_distance", "cholesky", "least_error", "separation", "unexplained"]
+__all__ = [
+    "EXPONENTS",
+    "OutputDistance",
+    "chernoff_distance",
+    "cholesky",
+    "least_error",
+    "output_distance",
+    "unexplained",
+]
