@@ -9,17 +9,17 @@ never hidden among harmless ones.  Cost: linear in states and transitions.
 Source: Balluchi et al. (2012), sections 3.1 and 4.1, figures 2, 3, 8 and 9.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
-from deshybrid.des.automaton import Output, Transition
+from deshybrid.des.automaton import DES, Output, Transition
 
 if TYPE_CHECKING:
-    from deshybrid.des.epsilon import Edge
     from deshybrid.des.observability import ObservabilityReport
     from deshybrid.des.observer import LocationObserver
 
+Key = TypeVar("Key")
 ArcStyle: TypeAlias = Literal["plain", "folded", "signed", "silent", "failing"]
 NodeShape: TypeAlias = Literal["location", "set", "component"]
 
@@ -91,7 +91,7 @@ def des_picture(report: "ObservabilityReport", *, title: str) -> Picture:
     number = {name: i for i, name in enumerate(des.locations)}
     failing = frozenset(report.c1_failures)
     links = [
-        Link(number[t.source], number[t.target], _transition_label(t), str(t), _transition_style(t, failing))
+        Link(number[t.source], number[t.target], _transition_label(t, des), str(t), _transition_style(t, failing))
         for t in des.transitions
     ]
     arcs = merge_links(links, width=0)
@@ -102,7 +102,8 @@ def dprime_picture(report: "ObservabilityReport", *, title: str) -> Picture:
     """Return D'_H: locations, and edges that carry outputs only; an edge that hides invisible transitions is dashed."""
     des = report.des
     number = {name: i for i, name in enumerate(des.locations)}
-    links = [_edge_link(edge, des.transitions, number) for edge in report.automaton.edges]
+    edges = [((edge.source, edge.target, edge.path), edge.output) for edge in report.automaton.edges]
+    links = [_edge_link(edge, output, des.transitions, number) for edge, output in _under_commands(edges, des)]
     return _assemble(title, _location_nodes(report), merge_links(links), _initial_numbers(des.initial, des.locations))
 
 
@@ -123,7 +124,8 @@ def location_observer_picture(observer: "LocationObserver", *, title: str) -> Pi
         _set_node(i, state, observer.automaton.des.locations, i in persistent, i in persistent and len(state) > 1)
         for i, state in enumerate(observer.states)
     ]
-    links = [Link(i, j, _output_label(out), str(out), _output_style(out)) for i, out, j in observer.transitions]
+    arcs = _under_commands((((i, j), out) for i, out, j in observer.transitions), observer.automaton.des)
+    links = [Link(i, j, _output_label(out), str(out), _output_style(out)) for (i, j), out in arcs]
     return _assemble(title, nodes, merge_links(links), (observer.initial,))
 
 
@@ -151,15 +153,29 @@ def _set_node(number: int, state: tuple[str, ...], everything: tuple[str, ...], 
     return Node(f"q{number}", tuple(text.split("\n")), full, persistent, bad, "set")
 
 
-def _transition_label(transition: Transition) -> str:
-    shown = "|".join("ε" if seen is None else _output_label(seen) for seen in transition.seen)
-    return f"{printable(transition.event, LONGEST_NAME)} / {shown}"
+def _transition_label(transition: Transition, des: DES) -> str:
+    shown = [output for _, output in _under_commands(((None, output) for output in transition.occurrences), des)]
+    plain = "|".join("ε" if output.is_nothing else _output_label(output._replace(command=None)) for output in shown)
+    command = f"@{printable(shown[0].command, LONGEST_NAME)}" if shown[0].command else ""
+    return f"{printable(transition.event, LONGEST_NAME)} / {plain}{command}"
+
+
+def _under_commands(arcs: Iterable[tuple[Key, Output]], des: DES) -> Iterator[tuple[Key, Output]]:
+    """Join what is shown under several commands: `α@1|2`, or `α` where any command permits it."""
+    known = {command for transition in des.transitions for command in transition.commands}
+    groups: dict[tuple[Key, Output], dict[str, None]] = {}
+    for key, output in arcs:
+        group = groups.setdefault((key, output._replace(command=None)), {})
+        group |= {} if output.command is None else {output.command: None}
+    for (key, output), commands in groups.items():
+        yield key, output._replace(command="|".join(commands) if 0 < len(commands) < len(known) else None)
 
 
 def _output_label(output: Output) -> str:
-    """γ, or s, or the pair (γ, s), which is what the observer of a complementary DES sees."""
-    parts = [printable(part, LONGEST_NAME) for part in output if part is not None]
-    return parts[0] if len(parts) == 1 else "(" + ", ".join(parts) + ")"
+    """Return γ, s, or the pair (γ, s) that the observer of a complementary DES sees; and the command, if known."""
+    parts = [printable(part, LONGEST_NAME) for part in output[:2] if part is not None]
+    label = parts[0] if len(parts) == 1 else "(" + ", ".join(parts) + ")"
+    return label if output.command is None else f"{label}@{printable(output.command, LONGEST_NAME)}"
 
 
 def _transition_style(transition: Transition, failing: frozenset[Transition]) -> ArcStyle:
@@ -174,11 +190,14 @@ def _output_style(output: Output) -> ArcStyle:
     return "plain" if output.signature is None else "signed"
 
 
-def _edge_link(edge: "Edge", transitions: tuple[Transition, ...], number: dict[str, int]) -> Link:
-    """An edge of D'_H; its long form lists the transitions that are folded into it."""
-    path = " then ".join(str(transitions[i]) for i in edge.path)
-    style: ArcStyle = "folded" if len(edge.path) > 1 else _output_style(edge.output)
-    return Link(number[edge.source], number[edge.target], _output_label(edge.output), path, style)
+def _edge_link(
+    edge: tuple[str, str, tuple[int, ...]], output: Output, transitions: tuple[Transition, ...], number: dict[str, int]
+) -> Link:
+    """An edge of D'_H (source, target, path); its long form lists the transitions that are folded into it."""
+    source, target, path = edge
+    style: ArcStyle = "folded" if len(path) > 1 else _output_style(output)
+    full = " then ".join(str(transitions[i]) for i in path)
+    return Link(number[source], number[target], _output_label(output), full, style)
 
 
 def _initial_numbers(initial: tuple[str, ...], locations: tuple[str, ...]) -> tuple[int, ...]:

@@ -9,6 +9,7 @@ import pytest
 import deshybrid as dh
 from deshybrid.des.composition import parallel
 from deshybrid.diagnostics import FormatError, TraceError, UsageError
+from deshybrid.emit.picture import des_picture, dprime_picture, observer_picture
 from deshybrid.formats.document import Document
 from deshybrid.formats.dot import write_dot
 from deshybrid.formats.own import write_json, write_yaml
@@ -157,3 +158,19 @@ def test_an_output_that_no_command_permits_is_inconsistent(gears: HybridSystem) 
     )
     estimates = replay(observer, trace)
     assert estimates.status == ("searching", "identified", "identified", "inconsistent")
+
+
+def test_a_drawing_tells_the_commands_where_not_every_one_will_do(gears: HybridSystem) -> None:
+    report = dh.check(gears)
+    assert report.observer is not None
+    drawn = des_picture(report, title="gears")
+    assert [arc.lines for arc in drawn.arcs] == [
+        ("close / click@lever=1,clutch=released",),
+        ("close / click@lever=2|3,clutch=released",),
+        ("press / clack@lever=1,clutch=pressed|lever=2|…",),
+        ("press / clack@lever=1,clutch=pressed|lever=2|…",),
+    ]
+    lever = dh.check(loads(GEARS.replace("clutch: pressed", "").replace(", clutch: released", "")))
+    assert [arc.lines for arc in des_picture(lever, title="lever").arcs][2] == ("press / clack",)
+    assert ("click@lever=1",) in [arc.lines for arc in observer_picture(lever, title="lever").arcs]
+    assert ("click@lever=2|3",) in [arc.lines for arc in dprime_picture(lever, title="lever").arcs]
