@@ -62,7 +62,7 @@ def by_reachable_sets(
         forced = impulse_norm(modes.eigenvalues, modes.basis) @ np.abs(drives[name]).sum(axis=1)
         stays[name] = Stay(forced, modes, tuple(in_time(r.target, r.matrix) for r in dynamics.exits(name)))
     beta = dict.fromkeys(stays, stay)
-    known = entry_ellipsoids(dynamics, forms.P, forms.Q, stays, beta)
+    known = entry_ellipsoids(dynamics, forms.P, forms.ends, stays, beta)
     if known is None:
         return None
     flows = {name: Flow(entry.modes, drives[name], None) for name, entry in stays.items()}

@@ -155,7 +155,7 @@ def _step(plant: GainPlant, point: Point, caps: Mapping[str, float], radius: flo
     if wish is None:
         return None, False
     gains = {name: _capped(gain, caps.get(name)) for name, gain in wish.gains.items()}
-    problem = FormProblem(plant.loops(gains), 1, point.frames)
+    problem = FormProblem(plant.loops(gains), frames=point.frames)
     dwells = [plant.shorter(point.dwell, share * wish.change) for share in SHARES]
     if plant.step is not None:
         dwells.append(point.dwell)  # several moves together may be worth a whole step

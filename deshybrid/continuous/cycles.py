@@ -18,11 +18,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
-from math import exp, isfinite, pi
+from math import exp, inf, isfinite, pi
+from types import MappingProxyType
 
 import numpy as np
 
 from deshybrid.continuous.checks import require_positive
+from deshybrid.continuous.dwell import PART_OF_A_STEP, most_steps
 from deshybrid.continuous.error import ErrorDynamics, ErrorReset, error_dynamics
 from deshybrid.continuous.gains import ObserverGains
 from deshybrid.continuous.modes import decay_rate
@@ -94,14 +96,15 @@ def cycle_limit(
     rate: float,
     *,
     longest: float | None = None,
-    least: Mapping[str, float] | None = None,
+    least: Mapping[str, float] = MappingProxyType({}),
+    most: Mapping[str, float] = MappingProxyType({}),
     oscillations: bool = True,
 ) -> DwellLowerLimit:
-    """Return the limit for given error dynamics; `least`: the shortest stay (s) that a location allows on its own.
+    """Return the limit for given error dynamics; `least`, `most`: stays (s) that a location allows on its own.
 
     Without `oscillations` all stays are equal: faster, for a first guess.
     """
-    shifted = _Shifted(dynamics, rate, least or {})
+    shifted = _Shifted(dynamics, rate, least, most)
     top = longest if longest is not None and isfinite(longest) and longest > 0 else shifted.slowest()
     walks = [walk for walk, _ in zip(closed_walks(dynamics), range(MOST_WALKS), strict=False)]
     grid = np.geomspace(top, top * 1e-3, GRID)
@@ -134,15 +137,17 @@ def grows(dynamics: ErrorDynamics, cycle: WitnessCycle | None, rate: float) -> b
 class _Shifted:
     """The error dynamics times e^{μ t}: growth at least 1 means slower than μ."""
 
-    def __init__(self, dynamics: ErrorDynamics, rate: float, least: Mapping[str, float]) -> None:
-        self.dynamics, self.rate, self.least = dynamics, rate, least
+    def __init__(
+        self, dynamics: ErrorDynamics, rate: float, least: Mapping[str, float], most: Mapping[str, float]
+    ) -> None:
+        self.dynamics, self.rate, self.least, self.most = dynamics, rate, least, whole_most(most, dynamics.step)
         self._flows: dict[tuple[str, bytes], FloatArray] = {}
 
     def stay(self, name: str, durations: FloatArray) -> FloatArray:
-        """The stays as location and time allow them: not below the least one, whole steps, at least one."""
+        """The stays as location and time allow them: between least and longest, whole steps, at least one."""
         step = self.dynamics.step
-        durations = np.maximum(durations, self.least.get(name, 0.0))
-        return durations if step is None else np.maximum(1, np.round(durations / step)) * step
+        durations = np.minimum(np.maximum(durations, self.least.get(name, 0.0)), self.most.get(name, np.inf))
+        return durations if step is None else np.maximum(1, np.ceil(durations / step - PART_OF_A_STEP)) * step
 
     def flows(self, name: str, durations: FloatArray) -> FloatArray:
         """e^{(F + μ) t} for several stays (k, n, n), remembered: the same stays come up in many walks."""
@@ -172,6 +177,24 @@ class _Shifted:
         rates = [-decay_rate(sorted_spectrum(F), step) for F in self.dynamics.matrices.values()]
         least = min((rate for rate in rates if rate > 0), default=20.0)
         return 20 / least if isfinite(least) else 1.0
+
+
+def whole_most(most: Mapping[str, float], step: float | None) -> dict[str, float]:
+    """Return the longest stays (s), in sampled time as whole steps.
+
+    >>> whole_most({"p": 0.35}, 0.25)
+    {'p': 0.25}
+    """
+    return {name: stay if step is None else most_steps(stay, step) * step for name, stay in most.items()}
+
+
+def limit_by(value: float, cycle: WitnessCycle, most: Mapping[str, float]) -> DwellLowerLimit:
+    """Return the limit that a cycle shows: `value` (s), or its shortest stay where rounding to steps left it below.
+
+    Stays as long as a location allows (`most`, s) do not count.
+    """
+    free = [stay for place, stay in zip(cycle.locations, cycle.stays, strict=True) if stay < most.get(place, inf)]
+    return DwellLowerLimit(min([value, *free]), cycle)
 
 
 def witness(dynamics: ErrorDynamics, walk: Sequence[ErrorReset], stays: Sequence[float], growth: float) -> WitnessCycle:
@@ -231,7 +254,7 @@ def _refined(
         float(shifted.stay(reset.source, np.array([low + more]))[0]) for reset, more in zip(walk, extra, strict=True)
     ]
     growth = float(shifted.growth(walk, np.array([low]), extra)[0])
-    return DwellLowerLimit(low, witness(shifted.dynamics, walk, stays, growth))
+    return limit_by(low, witness(shifted.dynamics, walk, stays, growth), shifted.most)
 
 
 __all__ = [
@@ -241,5 +264,7 @@ __all__ = [
     "cycle_limit",
     "dwell_lower_limit",
     "grows",
+    "limit_by",
+    "whole_most",
     "witness",
 ]

@@ -17,8 +17,9 @@ from deshybrid.continuous.cycles import DwellLowerLimit, WitnessCycle
 from deshybrid.continuous.determinability_design import Determined
 from deshybrid.continuous.determinability_theorem2 import theorem_2
 from deshybrid.continuous.error import dynamics_of, error_dynamics, error_resets
+from deshybrid.continuous.form_graph import Node, StayForms
 from deshybrid.continuous.gains import ObserverGains
-from deshybrid.continuous.lmi import InequalityCertificate
+from deshybrid.continuous.lmi import InequalityCertificate, stated_stays
 from deshybrid.continuous.ultimate import UltimateBound
 from deshybrid.linear.arrays import ComplexArray, FloatArray
 from deshybrid.model.system import HybridSystem
@@ -126,17 +127,16 @@ def _cycle_record(cycle: WitnessCycle) -> dict[str, object]:
 
 
 def _form_record(certificate: InequalityCertificate) -> dict[str, object]:
-    forms = {"P": certificate.P, "Q": certificate.Q}
+    forms = certificate.forms
     record: dict[str, object] = {
         "theorem": certificate.theorem,
         "rate": certificate.rate,
         "dwell": _finite(certificate.dwell),
         "delay": certificate.delay,
         "holds": certificate.holds,
-        **{
-            key: None if form is None else {name: _rows(matrix) for name, matrix in form.items()}
-            for key, form in forms.items()
-        },
+        "P": None if forms is None else {name: _rows(matrix) for name, matrix in forms.P.items()},
+        "nodes": None if forms is None else {name: _node(node) for name, node in forms.nodes.items()},
+        "stays": None if forms is None else [_span(span) for span in forms.stays],
         "degree": certificate.degree,
         "required_dwell": _finite(certificate.required_dwell),
         "shortest_stays": dict(certificate.least),
@@ -148,12 +148,21 @@ def _form_record(certificate: InequalityCertificate) -> dict[str, object]:
     return record
 
 
+def _node(node: Node) -> dict[str, object]:
+    return {"location": node.location, "exits": [[number, target] for number, target in node.exits.items()]}
+
+
+def _span(span: StayForms) -> dict[str, object]:
+    return {"node": span.node, "from": span.start, "to": _finite(span.end), "Q": [_rows(form) for form in span.Q]}
+
+
 def _system_record(system: HybridSystem, locations: tuple[str, ...]) -> dict[str, object]:
     pairs = [(name, dynamics_of(system, name)) for name in locations]
     return {
         "time_step": system.time_step,
         "states": list(system.state_names),
         "locations": {name: {"A": _rows(dynamics.A), "C": _rows(dynamics.C)} for name, dynamics in pairs},
+        "longest_stays": stated_stays(system, locations)[1],
         "resets": [
             {"from": reset.source, "to": reset.target, "matrix": _rows(reset.matrix)}
             for reset in error_resets(system, locations)

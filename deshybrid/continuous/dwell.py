@@ -20,7 +20,7 @@ Source: Balluchi et al. (2012), (20), Theorems 6 and 7 and their proofs (β = D 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import ceil, inf, isfinite, nextafter
+from math import ceil, floor, inf, isfinite, nextafter
 from types import MappingProxyType
 from typing import Literal, TypeAlias
 
@@ -199,6 +199,15 @@ def stay_steps(duration: float, step: float) -> int:
     return max(0, ceil(duration / step - PART_OF_A_STEP))
 
 
+def most_steps(duration: float, step: float) -> int:
+    """Return the largest number of steps that a stay of at most `duration` seconds has.
+
+    >>> most_steps(0.3, 0.1), most_steps(0.39, 0.1)
+    (3, 3)
+    """
+    return floor(duration / step + PART_OF_A_STEP)
+
+
 def _rounded_norm(dynamics: ErrorDynamics, name: str, scale: FloatArray) -> float:
     """r_i, rounded up unless every reset is exactly the identity (then it is 1) or there is none (then 0)."""
     matrices = [reset.matrix for reset in dynamics.exits(name)]
@@ -254,6 +263,7 @@ __all__ = [
     "certify_sampled",
     "location_terms",
     "long_enough",
+    "most_steps",
     "required_dwell",
     "stay_steps",
     "sum_rounded_up",

@@ -1,22 +1,25 @@
 """Forms that decrease from entry to entry: the unknowns of a certificate by matrix inequalities.
 
-In: the error dynamics times e^{μ t}, a degree 2d, a shortest stay T_i for each location.  Out: forms P_i at the entry
-and Q_i at the end of a stay with, in the monomials of degree d,
+In: the error dynamics times e^{μ t}, the shape of the forms, a shortest stay T_i for each location, longest stays
+where there are any.  Out: forms P at the entry of a node and Q over the spans of its stays
+(`deshybrid.continuous.form_graph`) with, in the monomials of degree d,
 
-    F_iᵀ Q_i + Q_i F_i < 0,      e^{F_iᵀ T_i} Q_i e^{F_i T_i} < P_i,      R¹_ijᵀ P_j R¹_ij < Q_i,
+    e^{Fᵀ t} Q e^{F t} < P  for the stay t with which a span begins,
+    Q' + Fᵀ Q + Q F < 0     over the span (Q' = 0 in one without end; linear in time, so that its two ends are enough),
+    R¹ᵀ P_j R¹ < Q          for every reset and the node j that it leads to, at both ends of a span,
 
-or the same with M_iᵀ Q_i M_i < Q_i and M_i^k in sampled time.  With Q_i = e^{-F_iᵀ T} P_i e^{-F_i T} these are the
-classical conditions on P_i alone; with Q_i as an unknown of its own nothing is ever multiplied by e^{-F T}, which has
-entries beyond all bounds.  The idea that makes the numbers small: P_i and Q_i are sought near the identity of frames
+or the same with Mᵀ Q(k+1) M < Q(k) and M^k in sampled time.  With one endless span and Q = e^{-Fᵀ T} P e^{-F T} these
+are the classical conditions on P alone; with Q as an unknown of its own nothing is ever multiplied by e^{-F T}, which
+has entries beyond all bounds.  The idea that makes the numbers small: P and Q are sought near the identity of frames
 of their own, taken from Lyapunov's equation at first, then from the last forms that were found.
 
-m locations, N = n(n+1)/2 with n the number of monomials: 2 m N unknowns.  Source: Geromel and Colaneri (2006),
-"Stability and stabilization of continuous-time switched linear systems"; forms of degree 2d by Parrilo and Jadbabaie
-(2008).
+N = n(n+1)/2 unknowns a form, n the number of monomials.  Source: Geromel and Colaneri (2006), "Stability and
+stabilization of continuous-time switched linear systems"; forms of degree 2d by Parrilo and Jadbabaie (2008).
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -24,8 +27,11 @@ import numpy as np
 
 from deshybrid.continuous.conic import Solution, Term, congruence, drift, identity, solve
 from deshybrid.continuous.error import ErrorDynamics
+from deshybrid.continuous.form_graph import PLAIN, Forms, Shape, Spans, StayForms, nodes_of
+from deshybrid.continuous.modes import decay_rate
 from deshybrid.linear.arrays import FloatArray, frozen_array
 from deshybrid.linear.lifting import lifted, lifted_generator, lifting_weights
+from deshybrid.linear.observability import sorted_spectrum
 
 MARGIN = 1e-7
 """Forms count as found where every inequality, in frames in which P is near the identity, has this margin."""
@@ -35,14 +41,8 @@ FLATTEST = 1e-12
 """A frame is not flatter than this."""
 SLOWEST = 1e-9
 """Rates (1/s, or a part of a step) below this are not scaled up."""
-
-
-class Forms(NamedTuple):
-    """P and Q by location, (N, N) in the monomials of degree `degree` (lexicographic, without weights)."""
-
-    degree: int
-    P: Mapping[str, FloatArray]
-    Q: Mapping[str, FloatArray]
+STEADY = 0.1
+"""Where a location does not decay, its frame is that of a flow which does, at this share of its size."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,20 +53,39 @@ class Frames:
     end: tuple[FloatArray, ...]
 
 
-class FormProblem:
-    """The inequalities of one degree; `solve` remembers frames from call to call, so that near stays come easily."""
+class _Span(NamedTuple):
+    """A span of stays at a node: numbers of the node, of its location, of the span there, and of its unknowns Q."""
 
-    def __init__(self, dynamics: ErrorDynamics, degree: int = 1, frames: Frames | None = None) -> None:
-        self.dynamics, self.degree = dynamics, degree
+    node: int
+    place: int
+    number: int
+    ends: tuple[int, ...]
+
+
+class FormProblem:
+    """The inequalities of one shape; `solve` remembers frames from call to call, so that near stays come easily.
+
+    most: the longest stays (s) by location, where they are bounded.
+    """
+
+    def __init__(
+        self,
+        dynamics: ErrorDynamics,
+        shape: Shape = PLAIN,
+        *,
+        frames: Frames | None = None,
+        most: Mapping[str, float] = MappingProxyType({}),
+    ) -> None:
+        self.dynamics, self.shape = dynamics, shape
         self.base = frames or lyapunov_frames(dynamics)
-        n = len(next(iter(dynamics.matrices.values())))
-        self.weights = lifting_weights(n, degree)
-        units = tuple(np.eye(len(self.weights)) for _ in dynamics.locations)
-        self.inner = Frames(units, units)
-        self._local = tuple(
-            _conjugated(U, dynamics.matrices[name], U)
-            for name, U in zip(dynamics.locations, self.base.end, strict=True)
-        )
+        self.nodes = nodes_of(dynamics, shape.memory)
+        matrices = dynamics.matrices
+        self.spans = {name: Spans(F, dynamics.step, most.get(name, inf), shape.cuts) for name, F in matrices.items()}
+        self.weights = lifting_weights(len(next(iter(matrices.values()))), shape.degree)
+        self._local = tuple(_conjugated(U, F, U) for F, U in zip(matrices.values(), self.base.end, strict=True))
+        self._layout = self._numbered()
+        count = len(self.nodes) + sum(len(span.ends) for span in self._layout)
+        self.inner = tuple(np.eye(len(self.weights)) for _ in range(count))
 
     def solve(self, stays: Sequence[float]) -> Forms | None:
         """Return forms for these shortest stays (s; one per location), None where none were found.
@@ -77,41 +96,90 @@ class FormProblem:
             found = self._proposed(stays)
             if found.margin <= 0:
                 return None
-            forms = self._accept(found.unknowns)
+            self.inner = tuple(root(X) @ frame for X, frame in zip(found.unknowns, self.inner, strict=True))
             if found.margin >= MARGIN:
-                return forms
+                return self._forms(stays)
         return None
 
-    def _proposed(self, stays: Sequence[float]) -> Solution:
-        places, size = self.dynamics.locations, len(self.weights)
-        inequalities: list[list[Term]] = []
-        for i, stay in enumerate(stays):
-            inequalities.append([Term(i, identity(size))])
-            inequalities.append(self._flow(i))
-            end = self.inner.end[i] @ self._lifted(self._over(i, stay)) @ np.linalg.inv(self.inner.entry[i])
-            inequalities.append([Term(i, identity(size)), Term(len(places) + i, -congruence(end))])
-        for reset in self.dynamics.resets:
-            i, j = places.index(reset.source), places.index(reset.target)
-            jump = self._lifted(_conjugated(self.base.entry[j], reset.matrix, self.base.end[i]))
-            jump = self.inner.entry[j] @ jump @ np.linalg.inv(self.inner.end[i])
-            inequalities.append([Term(len(places) + i, identity(size)), Term(j, -congruence(jump))])
-        return solve(size, 2 * len(places), inequalities, normalised=len(places))
+    @property
+    def size(self) -> int:
+        """How many numbers the conic problem has that are not zero, roughly."""
+        exits = [len(node.exits) for node in self.nodes.values()]
+        jumps = sum(len(span.ends) * exits[span.node] for span in self._layout)
+        rows = len(self.nodes) + 3 * len(self._layout) + jumps
+        packed = len(self.weights) * (len(self.weights) + 1) // 2
+        return int(packed**2) * rows
 
     def frames(self) -> Frames:
-        """Return the frames of the last forms that were found, for a problem of higher degree; of degree 2 only."""
-        pairs = ((self.inner.entry, self.base.entry), (self.inner.end, self.base.end))
-        entry, end = (tuple(a @ b for a, b in zip(*pair, strict=True)) for pair in pairs)
+        """Return the frames of the last forms that were found, for another shape; of plain forms only."""
+        count = len(self.nodes)
+        entry, end = (
+            tuple(a @ b for a, b in zip(inner, base, strict=True))
+            for inner, base in ((self.inner[:count], self.base.entry), (self.inner[count:], self.base.end))
+        )
         return Frames(entry, end)
 
-    def _flow(self, i: int) -> list[Term]:
-        size, frame, unknown = len(self.weights), self.inner.end[i], len(self.dynamics.locations) + i
-        if self.dynamics.step is None:
-            generator = self._weighted(lifted_generator(self._local[i].tolist(), self.degree))
-            inside = _conjugated(frame, generator, frame)
-            return [Term(unknown, -drift(inside) / max(float(np.linalg.norm(inside, 2)), SLOWEST))]
-        inside = _conjugated(frame, self._lifted(self._local[i]), frame)
-        lost = identity(size) - congruence(inside)
-        return [Term(unknown, lost / max(float(np.linalg.norm(np.eye(size) - inside, 2)), SLOWEST))]
+    def _numbered(self) -> list[_Span]:
+        """The spans of all nodes; unknowns of P come first."""
+        layout, count = list[_Span](), len(self.nodes)
+        for number, node in enumerate(self.nodes.values()):
+            spans = self.spans[node.location]
+            for k in range(spans.count):
+                width = 1 if spans.endless and k == spans.count - 1 else 2
+                place = self.dynamics.locations.index(node.location)
+                layout.append(_Span(number, place, k, tuple(range(count, count + width))))
+                count += width
+        return layout
+
+    def _proposed(self, stays: Sequence[float]) -> Solution:
+        names, size = list(self.nodes), len(self.weights)
+        ends = [self.spans[name].ends(stay) for name, stay in zip(self.dynamics.locations, stays, strict=True)]
+        inverse = [np.asarray(np.linalg.inv(frame), dtype=np.float64) for frame in self.inner]
+        inequalities: list[list[Term]] = [[Term(i, identity(size))] for i in range(len(names))]
+        for span in self._layout:
+            start, end = ends[span.place][span.number]
+            first = span.ends[0]
+            over = self.inner[first] @ self._lifted(self._over(span.place, stays[span.place] + start))
+            reached = congruence(over @ inverse[span.node])
+            inequalities.append([Term(span.node, identity(size)), Term(first, -reached)])
+            inequalities += self._flow(span, end - start, inverse[first])
+            for number, target in self.nodes[names[span.node]].exits.items():
+                jump = self._jump(number, span.place)
+                for Q in span.ends:
+                    entered = names.index(target)
+                    moved = congruence(self.inner[entered] @ jump @ inverse[Q])
+                    inequalities.append([Term(Q, identity(size)), Term(entered, -moved)])
+        return solve(size, len(self.inner), inequalities, normalised=len(names))
+
+    def _flow(self, span: _Span, width: float, inverse: FloatArray) -> list[list[Term]]:
+        """That the forms decrease over a span, in the frame of its first form."""
+        first, step, size = span.ends[0], self.dynamics.step, len(self.weights)
+        if step is not None and width < step / 2:
+            return []
+        one = identity(size)
+        if step is None:
+            generator = self._weighted(lifted_generator(self._local[span.place].tolist(), self.shape.degree))
+            inside = self.inner[first] @ generator @ inverse
+            moved, rate = drift(inside), float(np.linalg.norm(inside, 2))
+        else:
+            inside = self.inner[first] @ self._lifted(self._local[span.place]) @ inverse
+            moved, rate = congruence(inside), float(np.linalg.norm(np.eye(size) - inside, 2))
+        if len(span.ends) == 1:
+            lost = -moved if step is None else one - moved
+            return [[Term(first, lost / max(rate, SLOWEST))]]
+        other = congruence(self.inner[span.ends[1]] @ inverse)
+        part = 1 / width if step is None else 1 / round(width / step)
+        unit = max(rate, SLOWEST) + part
+        if step is None:
+            pairs = [(part * one - moved, -part * one), (part * one, -moved - part * one)]
+        else:
+            pairs = [(one - (1 - part) * moved, -part * moved), (part * one, (1 - part) * one - moved)]
+        return [[Term(first, a / unit), Term(span.ends[1], b @ other / unit)] for a, b in pairs]
+
+    def _jump(self, number: int, source: int) -> FloatArray:
+        reset = self.dynamics.resets[number]
+        target = self.dynamics.locations.index(reset.target)
+        return self._lifted(_conjugated(self.base.entry[target], reset.matrix, self.base.end[source]))
 
     def _over(self, i: int, stay: float) -> FloatArray:
         from scipy.linalg import expm
@@ -122,26 +190,29 @@ class FormProblem:
         return np.asarray(np.linalg.matrix_power(self._local[i], round(stay / step)) @ change)
 
     def _lifted(self, matrix: FloatArray) -> FloatArray:
-        return matrix if self.degree == 1 else self._weighted(lifted(matrix.tolist(), self.degree))
+        return matrix if self.shape.degree == 1 else self._weighted(lifted(matrix.tolist(), self.shape.degree))
 
     def _weighted(self, rows: Sequence[Sequence[float]]) -> FloatArray:
         return np.asarray(self.weights[:, None] * np.array(rows) / self.weights)
 
-    def _accept(self, unknowns: Sequence[FloatArray]) -> Forms:
-        """Take the new frames, and the forms in the monomials of the states."""
-        count = len(self.dynamics.locations)
-        entry = tuple(root(X) @ frame for X, frame in zip(unknowns[:count], self.inner.entry, strict=True))
-        end = tuple(root(X) @ frame for X, frame in zip(unknowns[count:], self.inner.end, strict=True))
-        self.inner = Frames(entry, end)
-        return Forms(self.degree, self._forms(self.base.entry, entry), self._forms(self.base.end, end))
+    def _forms(self, stays: Sequence[float]) -> Forms:
+        """The forms of the present frames, in the monomials of the states."""
+        places = self.dynamics.locations
+        P = {
+            name: self._form(self.base.entry[places.index(node.location)], frame)
+            for (name, node), frame in zip(self.nodes.items(), self.inner, strict=False)
+        }
+        ends, names, made = [self.spans[name].ends(stay) for name, stay in zip(places, stays, strict=True)], list(P), []
+        for span in self._layout:
+            start, end = ends[span.place][span.number]
+            Q = tuple(self._form(self.base.end[span.place], self.inner[k]) for k in span.ends)
+            made.append(StayForms(names[span.node], start, end, Q))
+        return Forms(self.shape.degree, self.nodes, MappingProxyType(P), tuple(made))
 
-    def _forms(self, outer: Sequence[FloatArray], inner: Sequence[FloatArray]) -> Mapping[str, FloatArray]:
-        found = {}
-        for name, base, frame in zip(self.dynamics.locations, outer, inner, strict=True):
-            whole = frame @ self._lifted(base) * self.weights
-            form = whole.T @ whole
-            found[name] = frozen_array((form + form.T) / 2, form.shape)
-        return MappingProxyType(found)
+    def _form(self, base: FloatArray, frame: FloatArray) -> FloatArray:
+        whole = frame @ self._lifted(base) * self.weights
+        form = whole.T @ whole
+        return frozen_array((form + form.T) / 2, form.shape)
 
 
 def lyapunov_frames(dynamics: ErrorDynamics) -> Frames:
@@ -150,7 +221,7 @@ def lyapunov_frames(dynamics: ErrorDynamics) -> Frames:
 
     frames = []
     for F in dynamics.matrices.values():
-        balanced, (sizes, _) = matrix_balance(F, permute=False, separate=True)
+        balanced, (sizes, _) = matrix_balance(_decaying(F, dynamics.step), permute=False, separate=True)
         one = np.eye(len(F))
         if dynamics.step is None:
             X = solve_continuous_lyapunov(balanced.T, -one * np.linalg.norm(balanced, 2))
@@ -158,6 +229,16 @@ def lyapunov_frames(dynamics: ErrorDynamics) -> Frames:
             X = solve_discrete_lyapunov(balanced.T, one)
         frames.append(root((X + X.T) / 2 / sizes / sizes[:, None]))
     return Frames(tuple(frames), tuple(frames))
+
+
+def _decaying(F: FloatArray, step: float | None) -> FloatArray:
+    """The flow itself where it decays, else one that does."""
+    values = sorted_spectrum(F)
+    if decay_rate(values, step) < 0:
+        return F
+    if step is not None:
+        return np.asarray(F * (1 - STEADY) / np.abs(values).max())
+    return np.asarray(F - (values.real.max() + STEADY * np.abs(values).max() + SLOWEST) * np.eye(len(F)))
 
 
 def _conjugated(left: FloatArray, matrix: FloatArray, right: FloatArray) -> FloatArray:
@@ -172,4 +253,4 @@ def root(X: FloatArray) -> FloatArray:
     return np.asarray((vectors * np.sqrt(values)).T * sizes)
 
 
-__all__ = ["FormProblem", "Forms", "Frames", "lyapunov_frames", "root"]
+__all__ = ["FormProblem", "Frames", "lyapunov_frames", "root"]

@@ -3,18 +3,20 @@
 In: error dynamics, rate μ, dwell time D, detection delay Δ, shortest stays of locations.  Out: forms P_i, Q_i that
 prove the least required dwell time that was found, and the longest dwell time at which some switching cycle does not
 contract.
-The idea: whether forms exist is monotone in the dwell time, so bisect; quadratic forms first, then forms of degree 4
-and 6 while the gap to the worst cycle is above 2 % and the size affordable.  The forms also guide the search for worse
-cycles.  What is returned was proved in exact arithmetic (`deshybrid.linear.exact_inequalities`), as `verify` does it
+The idea: whether forms exist is monotone in the dwell time, so bisect; plain quadratic forms first, then, while the
+gap to the worst cycle is above 2 % and the size affordable, forms that depend on how long the stay lasts, on the
+transitions before it, or of degree 4 and 6 (`deshybrid.continuous.form_graph`).  The forms also guide the search for
+worse cycles.  What is returned was proved in exact arithmetic (`deshybrid.continuous.form_proof`), as `verify` does it
 again.
 
-Some ten conic problems of 2 m N unknowns (m locations, N = n (n+1)/2) for each degree.
+A location with a longest stay need not decay by itself: its forms cover the stays up to there only.
+
+Some ten conic problems for each shape, of 2 m N unknowns for the plain one (m locations, N = n (n+1)/2).
 Source: Balluchi et al. (2012), section 4.2, for the setting; Geromel and Colaneri (2006); Parrilo and Jadbabaie (2008).
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from math import exp, inf, isfinite, sqrt
 from types import MappingProxyType
 from typing import NamedTuple
@@ -23,23 +25,16 @@ import numpy as np
 
 from deshybrid.continuous.checks import require_not_negative, require_positive
 from deshybrid.continuous.conic import has_solver, require_solver
-from deshybrid.continuous.cycles import GROWS, DwellLowerLimit, cycle_limit, grows, witness
-from deshybrid.continuous.dwell import DwellTimeCertificate, long_enough, stay_steps, sum_rounded_up
+from deshybrid.continuous.cycles import GROWS, DwellLowerLimit, cycle_limit, grows, limit_by, witness
+from deshybrid.continuous.dwell import DwellTimeCertificate, long_enough, most_steps, stay_steps, sum_rounded_up
 from deshybrid.continuous.error import ErrorDynamics, error_resets
-from deshybrid.continuous.forms import FormProblem, Forms
+from deshybrid.continuous.form_graph import Forms, Shape
+from deshybrid.continuous.form_proof import is_proved
+from deshybrid.continuous.forms import FormProblem
 from deshybrid.continuous.gains import ObserverGains
 from deshybrid.continuous.modes import decay_rate
 from deshybrid.continuous.worst_cycle import Cycle, CycleSearch
 from deshybrid.linear.arrays import FloatArray, frozen_array
-from deshybrid.linear.exact import rational
-from deshybrid.linear.exact_definite import is_positive_definite
-from deshybrid.linear.exact_inequalities import (
-    Motion,
-    flow_decreases,
-    jump_decreases,
-    stay_decreases,
-)
-from deshybrid.linear.lifting import lifted_size
 from deshybrid.linear.observability import sorted_spectrum
 from deshybrid.model.system import HybridSystem
 
@@ -49,9 +44,19 @@ EASED = 1.02
 """A problem of higher degree starts at a dwell time so much longer, where it has some room."""
 WIDE = 0.02
 """While the gap is wider than this share of the lower limit, forms of higher degree are tried."""
-HIGHEST_DEGREE = 3
-AFFORDABLE = 250_000
-"""No more than this many nonzero numbers in a conic problem of higher degree: some seconds each."""
+SHAPES = (
+    Shape(cuts=4),
+    Shape(cuts=1),
+    Shape(degree=2, cuts=2),
+    Shape(degree=2),
+    Shape(cuts=4, memory=1),
+    Shape(cuts=1, memory=1),
+    Shape(degree=3),
+    Shape(cuts=4, memory=2),
+)
+"""What forms may depend on where plain ones leave a gap, in the order in which it is tried."""
+AFFORDABLE = 150_000
+"""No more than this many nonzero numbers in a conic problem that is not plain: a second or two each."""
 LONGEST = 20.0
 """No dwell time beyond so many of the slowest time constants is tried."""
 SHORTEST = 1e-6
@@ -65,9 +70,10 @@ class InequalityCertificate:
     """A claim "every stay of at least `dwell` seconds: the error decays at `rate`", proved by forms.
 
     rate (1/s), dwell, delay and required_dwell (s; infinite where no forms were found); holds: whether required_dwell
-    <= dwell; degree: 2 d of the forms; P and Q by location, in the monomials of degree d of the states; least: the
-    shortest stays (s) that the model states for locations; matrices: F_i or, sampled, M_i; step (s) or None; limit: the
-    worst switching cycle, for D - Δ; reason: one sentence.
+    <= dwell; forms: what proves it, in the monomials of degree d of the states; plain: quadratic forms, one P and Q for
+    each location, where they prove the stated dwell time as well; least, most: the shortest and longest stays (s) that
+    the model states for locations; matrices: F_i or, sampled, M_i; step (s) or None; limit: the worst switching cycle,
+    for D - Δ; reason: one sentence.
     """
 
     theorem: str
@@ -76,14 +82,19 @@ class InequalityCertificate:
     delay: float
     holds: bool
     required_dwell: float
-    degree: int
-    P: Mapping[str, FloatArray] | None
-    Q: Mapping[str, FloatArray] | None
+    forms: Forms | None
+    plain: Forms | None
     least: Mapping[str, float]
+    most: Mapping[str, float]
     matrices: Mapping[str, FloatArray]
     step: float | None
     limit: DwellLowerLimit
     reason: str
+
+    @property
+    def degree(self) -> int:
+        """2 d, the degree of the forms in the states; 2 where there are none."""
+        return 2 * (1 if self.forms is None else self.forms.degree)
 
     @property
     def gap(self) -> float:
@@ -93,11 +104,12 @@ class InequalityCertificate:
 
 
 class Found(NamedTuple):
-    """The least D - Δ that was proved (s), by which forms, and the limit from below."""
+    """The least D - Δ that was proved (s), by which forms, the limit from below, and what plain forms prove."""
 
     stay: float
     forms: Forms | None
     limit: DwellLowerLimit
+    plain: "tuple[float, Forms] | None" = None
 
 
 def certify_by_inequalities(
@@ -106,7 +118,8 @@ def certify_by_inequalities(
     rate: float,
     dwell: float | None = None,
     delay: float = 0.0,
-    least: Mapping[str, float] | None = None,
+    least: Mapping[str, float] = MappingProxyType({}),
+    most: Mapping[str, float] = MappingProxyType({}),
     longest: float = inf,
     sampled: bool = False,
 ) -> InequalityCertificate:
@@ -120,8 +133,9 @@ def certify_by_inequalities(
         D, a lower bound of all stays; default: the required dwell time itself.
     delay : float, s
         Δ, a bound of the time between a transition and its detection.
-    least : mapping, s
-        Locations that are never left earlier than this.
+    least, most : mapping, s
+        Locations that are never left earlier, or always left after this.  Their stays as an observer sees them, which
+        learns of a switch up to Δ late, are taken to be up to Δ shorter or longer.
     longest : float, s
         A D - Δ that is known to be enough, where there is one: the bisection starts there.
 
@@ -138,12 +152,15 @@ def certify_by_inequalities(
     require_positive("rate", rate)
     require_positive("dwell time", dwell)
     require_not_negative("delay", delay)
-    stays = {name: max(0.0, stay - delay) for name, stay in (least or {}).items()}
-    found = _search(dynamics, rate, stays, longest)
+    shortest = {name: max(0.0, stay - delay) for name, stay in least.items()}
+    ends = {name: sum_rounded_up(delay, stay) for name, stay in most.items()}
+    found = _search(dynamics, rate, shortest, ends, longest)
     required = inf if found.forms is None else sum_rounded_up(delay, found.stay)
     stated = dwell if dwell is not None else max(required, delay + 0.01 / rate)
     holds = isfinite(required) and long_enough(stated - delay, required - delay, dynamics.step)
-    forms = found.forms
+    plain = found.plain
+    if plain is not None and not long_enough(stated - delay, plain[0], dynamics.step):
+        plain = None
     return InequalityCertificate(
         theorem="LMI-sampled" if sampled else "LMI",
         rate=rate,
@@ -151,10 +168,10 @@ def certify_by_inequalities(
         delay=delay,
         holds=holds,
         required_dwell=required,
-        degree=2 * (1 if forms is None else forms.degree),
-        P=None if forms is None else forms.P,
-        Q=None if forms is None else forms.Q,
-        least=MappingProxyType(dict(least or {})),
+        forms=found.forms,
+        plain=None if plain is None else plain[1],
+        least=MappingProxyType(dict(least)),
+        most=MappingProxyType(dict(most)),
         matrices=dynamics.matrices,
         step=dynamics.step,
         limit=found.limit,
@@ -168,13 +185,9 @@ def certify_forms(
     """Return a certificate by matrix inequalities for each claim made by the paper's conditions, in their order.
 
     None where the solver is not installed.
-    Rate, dwell time, delay and error matrices are those of `papers`; the shortest stays are those of the system.
+    Rate, dwell time, delay and error matrices are those of `papers`; shortest and longest stays those of the system.
     """
-    least = {
-        place.name: place.dwell.min
-        for place in system.locations
-        if place.name in gains.gains and place.dwell.min is not None
-    }
+    least, most = stated_stays(system, gains.locations)
     if not has_solver():
         return ()
     resets, made = error_resets(system, gains.locations), []
@@ -187,6 +200,7 @@ def certify_forms(
                 dwell=gains.dwell,
                 delay=paper.delay,
                 least=least,
+                most=most,
                 longest=paper.required_dwell - paper.delay,
                 sampled=paper.theorem.endswith("-sampled"),
             )
@@ -194,28 +208,53 @@ def certify_forms(
     return tuple(made)
 
 
-def _search(dynamics: ErrorDynamics, rate: float, least: Mapping[str, float], longest: float) -> Found:
-    """Bisection with quadratic forms, then with forms of higher degree while that pays."""
+def stated_stays(system: HybridSystem, locations: tuple[str, ...]) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the shortest and the longest stays (s) of these locations, where the model states them.
+
+    >>> from deshybrid.model.load import load
+    >>> stated_stays(load("models/balluchi2003/three_locations.yaml"), ("q1", "q2"))
+    ({'q1': 1.5, 'q2': 1.5}, {'q1': 7.0, 'q2': 7.0})
+    """
+    stays = {name: system.location(name).dwell for name in locations}
+    least = {name: dwell.min for name, dwell in stays.items() if dwell.min is not None}
+    return least, {name: dwell.max for name, dwell in stays.items() if dwell.max is not None}
+
+
+def _search(
+    dynamics: ErrorDynamics, rate: float, least: Mapping[str, float], most: Mapping[str, float], longest: float
+) -> Found:
+    """Bisection with plain forms, then with other shapes while that pays."""
     shifted = shifted_dynamics(dynamics, rate)
-    slowest = min((-decay_rate(sorted_spectrum(F), dynamics.step) for F in shifted.matrices.values()), default=inf)
-    if not 0 < slowest < inf:
+    top = _longest_tried(shifted, most)
+    if not 0 < top < inf:
         return Found(inf, None, DwellLowerLimit(0.0, None))
-    task = _Task(dynamics, shifted, rate, least)
-    top = LONGEST / slowest
+    task = _Task(dynamics, shifted, rate, least, most)
     start = longest if 0 < longest < top else top
-    limit = cycle_limit(dynamics, rate, longest=start, least=least, oscillations=False)
-    problem = FormProblem(shifted)
+    limit = cycle_limit(dynamics, rate, longest=start, least=least, most=most, oscillations=False)
+    problem = FormProblem(shifted, most=most)
     found = task.bisect(problem, Found(inf, None, limit), start, top)
-    while found.forms is not None and found.forms.degree < HIGHEST_DEGREE and _gap(found) > WIDE:
-        degree = found.forms.degree + 1
-        if not _is_affordable(dynamics, degree):
+    frames = None
+    if found.forms is not None and found.forms.is_plain:
+        found, frames = found._replace(plain=(found.stay, found.forms)), problem.frames()
+    for shape in SHAPES:
+        if _gap(found) <= WIDE:
             break
-        higher = FormProblem(shifted, degree, problem.frames())
-        better = task.bisect(higher, found, found.stay * EASED, top)
-        if better.stay >= found.stay:
-            break
-        found = better
+        finer = FormProblem(shifted, shape, frames=frames, most=most)
+        remembers = shape.memory == 0 or len(finer.nodes) > len(problem.nodes)
+        if finer.size > AFFORDABLE or not remembers:
+            continue
+        better = task.bisect(finer, found, min(found.stay * EASED, start), top)
+        found = better if better.stay < found.stay else found
     return found
+
+
+def _longest_tried(shifted: ErrorDynamics, most: Mapping[str, float]) -> float:
+    """The longest dwell time (s) worth trying; infinite or zero where no dwell time gives the rate."""
+    decay = {name: -decay_rate(sorted_spectrum(F), shifted.step) for name, F in shifted.matrices.items()}
+    if any(rate <= 0 for name, rate in decay.items() if name not in most):
+        return inf
+    slowest = min((rate for rate in decay.values() if rate > 0), default=inf)
+    return max(LONGEST / slowest, *(stay for name, stay in most.items() if decay[name] <= 0), 0.0)
 
 
 def shifted_dynamics(dynamics: ErrorDynamics, rate: float) -> ErrorDynamics:
@@ -229,21 +268,29 @@ def shifted_dynamics(dynamics: ErrorDynamics, rate: float) -> ErrorDynamics:
 
 
 class _Task:
-    """One search: dynamics, the same times e^{μ t}, and the shortest stays."""
+    """One search: dynamics, the same times e^{μ t}, the shortest and the longest stays."""
 
     def __init__(
-        self, dynamics: ErrorDynamics, shifted: ErrorDynamics, rate: float, least: Mapping[str, float]
+        self,
+        dynamics: ErrorDynamics,
+        shifted: ErrorDynamics,
+        rate: float,
+        least: Mapping[str, float],
+        most: Mapping[str, float],
     ) -> None:
-        self.dynamics, self.shifted, self.rate, self.least = dynamics, shifted, rate, least
-        self.cycles = CycleSearch(shifted)
+        self.dynamics, self.shifted, self.rate, self.least, self.most = dynamics, shifted, rate, least, most
+        self.cycles = CycleSearch(shifted, most)
 
     def stays(self, common: float) -> dict[str, float]:
-        """The shortest stay of each location where every stay lasts at least `common` seconds."""
-        bounds = {name: max(common, self.least.get(name, 0.0)) for name in self.dynamics.locations}
-        step = self.dynamics.step
-        if step is None:
-            return bounds
-        return {name: max(1, stay_steps(bound, step)) * step for name, bound in bounds.items()}
+        """The shortest stay of each location where every stay lasts at least `common` seconds, or as long as it can."""
+        step, bounds = self.dynamics.step, {}
+        for name in self.dynamics.locations:
+            bound, most = max(common, self.least.get(name, 0.0)), self.most.get(name, inf)
+            bounds[name] = min(bound, most)
+            if step is not None:
+                ticks = max(1, stay_steps(bound, step))
+                bounds[name] = (ticks if most == inf else max(1, min(ticks, most_steps(most, step)))) * step
+        return bounds
 
     def bisect(self, problem: FormProblem, known: Found, start: float, top: float) -> Found:
         """Forms of the problem for the shortest stay at which they are found and proved."""
@@ -263,9 +310,10 @@ class _Task:
             else:
                 low = middle
         for stay, forms in reversed(passed):
-            if is_proved(self.dynamics, forms, self.stays(stay), self.rate):
-                limit = self.guided(forms, known.limit, stay) if forms.degree == 1 else known.limit
-                return Found(stay, forms, limit)
+            if is_proved(self.dynamics, forms, self.stays(stay), self.rate, self.most):
+                guides = forms.degree == 1 and set(forms.P) == set(self.dynamics.locations)
+                limit = self.guided(forms, known.limit, stay) if guides else known.limit
+                return known._replace(stay=stay, forms=forms, limit=limit)
         return known
 
     def _differ(self, low: float, high: float) -> bool:
@@ -301,41 +349,13 @@ class _Task:
             low, high, grown = (middle, high, tried) if tried.growth >= GROWS else (low, middle, grown)
         walk = [self.dynamics.resets[k] for k in grown.resets]
         cycle_found = witness(self.dynamics, walk, grown.stays, exp(grown.growth))
-        return DwellLowerLimit(low, cycle_found) if grows(self.dynamics, cycle_found, self.rate) else best
-
-
-def is_proved(dynamics: ErrorDynamics, forms: Forms, stays: Mapping[str, float], rate: float) -> bool:
-    """Return whether these forms prove the rate for these shortest stays, in exact arithmetic."""
-    step, mu = None if dynamics.step is None else Fraction(dynamics.step), Fraction(rate)
-    P, Q = ({name: rational(form.tolist()) for name, form in of.items()} for of in (forms.P, forms.Q))
-    for name, matrix in dynamics.matrices.items():
-        motion, stay = Motion(rational(matrix.tolist()), step), _exact_stay(stays[name], step)
-        if not (is_positive_definite(P[name]) and is_positive_definite(Q[name])):
-            return False
-        if not flow_decreases(motion, Q[name], forms.degree, mu):
-            return False
-        if not stay_decreases(motion, stay, P[name], Q[name], degree=forms.degree, rate=mu):
-            return False
-    return all(
-        jump_decreases(rational(reset.matrix.tolist()), P[reset.target], Q[reset.source], forms.degree)
-        for reset in dynamics.resets
-    )
-
-
-def _exact_stay(stay: float, step: Fraction | None) -> Fraction:
-    return Fraction(stay) if step is None else round(Fraction(stay) / step) * step
+        return limit_by(low, cycle_found, self.cycles.most) if grows(self.dynamics, cycle_found, self.rate) else best
 
 
 def _gap(found: Found) -> float:
     if found.stay == 0.0:
         return 0.0
     return found.stay / found.limit.value - 1 if found.limit.value > 0 else inf
-
-
-def _is_affordable(dynamics: ErrorDynamics, degree: int) -> bool:
-    size = lifted_size(len(next(iter(dynamics.matrices.values()))), degree)
-    packed = size * (size + 1) // 2
-    return packed**2 * (2 * len(dynamics.locations) + len(dynamics.resets)) <= AFFORDABLE
 
 
 def _reason(found: Found, required: float, dwell: float, delay: float, *, holds: bool) -> str:
@@ -355,6 +375,6 @@ __all__ = [
     "InequalityCertificate",
     "certify_by_inequalities",
     "certify_forms",
-    "is_proved",
     "shifted_dynamics",
+    "stated_stays",
 ]

@@ -105,9 +105,9 @@ def ultimate_bound(
     start, known = "equation (31)" if delay == 0 else "equation (49), its lemma repaired", None
     if certificate.holds:
         known = _by_condition_20(system, gains, certificate, stays, beta)
-    elif forms is not None and forms.holds and forms.P is not None and forms.Q is not None and forms.degree == 2:
+    elif forms is not None and forms.holds and forms.plain is not None:
         start = "forms that decrease from entry to entry"
-        known = entry_ellipsoids(dynamics, forms.P, forms.Q, stays, dict.fromkeys(stays, beta))
+        known = entry_ellipsoids(dynamics, forms.plain.P, forms.plain.ends, stays, dict.fromkeys(stays, beta))
     if known is None:
         return _bound(certificate, None, f"(20) does not hold: {certificate.reason}")
     noise = "" if system.bounds.measurement is not None else ", measurements taken as exact (no bound stated)"

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from deshybrid.continuous.cycles import whole_most
 from deshybrid.continuous.error import ErrorDynamics
 from deshybrid.continuous.forms import root
 from deshybrid.linear.arrays import FloatArray
@@ -39,10 +40,10 @@ class Cycle(NamedTuple):
 
 
 class CycleSearch:
-    """Growth of cycles, for given error dynamics (times e^{μ t})."""
+    """Growth of cycles, for given error dynamics (times e^{μ t}); most: longest stays (s), where there are any."""
 
-    def __init__(self, dynamics: ErrorDynamics) -> None:
-        self.dynamics = dynamics
+    def __init__(self, dynamics: ErrorDynamics, most: Mapping[str, float]) -> None:
+        self.dynamics, self.most = dynamics, whole_most(most, dynamics.step)
 
     def whole(self, duration: FloatArray) -> FloatArray:
         """The stays as time allows them: whole steps, at least one."""
@@ -83,8 +84,10 @@ class CycleSearch:
         """The cycle with stays, none shorter than `shortest` of its location, at which it grows most nearby."""
         from scipy.optimize import minimize
 
-        least = np.array([shortest[self.dynamics.resets[k].source] for k in cycle.resets])
-        start = self.whole(np.maximum(cycle.stays, least))
+        places = [self.dynamics.resets[k].source for k in cycle.resets]
+        least = np.array([shortest[place] for place in places])
+        most = np.array([max(shortest[place], self.most.get(place, np.inf)) for place in places])
+        start = self.whole(np.clip(cycle.stays, least, most))
         if self.dynamics.step is not None:
             return Cycle(cycle.resets, tuple(start.tolist()), self.growth(cycle.resets, start.tolist())[0])
 
@@ -96,11 +99,11 @@ class CycleSearch:
             cost,
             start,
             jac=True,
-            bounds=[(float(low), np.inf) for low in least],
+            bounds=list(zip(least.tolist(), most.tolist(), strict=True)),
             method="L-BFGS-B",
             options={"maxiter": IMPROVEMENTS},
         )
-        stays = np.maximum(found.x, least)
+        stays = np.clip(found.x, least, most)
         return max(
             (Cycle(cycle.resets, tuple(t.tolist()), self.growth(cycle.resets, t.tolist())[0]) for t in (start, stays)),
             key=lambda made: made.growth,
@@ -160,7 +163,7 @@ class CycleSearch:
         slowest = -values.real.max() if step is None else -np.log(max(np.abs(values).max(), 1e-300)) / step
         horizon = AHEAD / slowest if slowest > 0 else 10 * shortest + 1.0
         more = np.append(0.0, np.geomspace(horizon * 1e-3, horizon, GRID - 1))
-        return np.unique(self.whole(shortest + more))
+        return np.unique(np.minimum(self.whole(shortest + more), max(shortest, self.most.get(name, np.inf))))
 
 
 __all__ = ["Cycle", "CycleSearch"]

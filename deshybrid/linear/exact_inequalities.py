@@ -6,7 +6,8 @@ at least T where, for forms P_i > 0 at the entry and Q_i > 0 at the end of a sta
 
     flow   Q_i decreases by e^{-2 d μ t} along the location's own dynamics,
     stay   e^{2 d μ T} Q_i(e^{F_i T} ζ) < P_i(ζ),
-    jump   P_j(R¹_ij ζ) < Q_i(ζ) for every reset to j:
+    jump   P_j(R¹_ij ζ) < Q_i(ζ) for every reset to j;
+    span   where Q depends on how long the stay lasts, linearly in time: it decreases along the flow all the same:
 
 then e^{2 d μ t} V decreases from entry to entry, and between them it stays below a multiple of its last value.
 Strict inequalities, so that the doubles of a certificate need no tolerance.  e^{F T} and M^k are enclosed.
@@ -98,6 +99,39 @@ def stay_decreases(motion: Motion, stay: Fraction, P: Rational, Q: Rational, *, 
     bound = _changed(flow, radius, degree)
     slack = diagonal([_slack(lift, bound, Q)] * len(Q))
     return is_positive_definite(combined(scaled(P, shrinking), combined(_image(lift, Q), slack), -1))
+
+
+def span_decreases(
+    motion: Motion, width: Fraction, first: Rational, last: Rational, *, degree: int, rate: Fraction
+) -> bool:
+    """Return whether forms linear in time from `first` to `last` over `width` seconds were proved to decrease.
+
+    That is Q' + FᵀQ + Q F + 2 d μ Q < 0, or MᵀQ(k+1) M < e^{-2 d μ h} Q(k) for each of the steps, in the lifted states.
+    Both are linear in time, so that the two ends of the span decide.  A span of no width has nothing to prove.
+
+    >>> slow, one, third = Motion(((Fraction(-1),),), None), ((Fraction(1),),), ((Fraction(1, 3),),)
+    >>> [span_decreases(slow, Fraction(1), one, third, degree=1, rate=Fraction(r)) for r in (0, 2)]
+    [True, False]
+    """
+    exponent = 2 * degree * rate
+    if motion.step is None:
+        if width <= 0:
+            return width == 0
+        slope = scaled(combined(last, first, -1), 1 / width)
+        generator = lifted_generator(motion.matrix, degree)
+        changes = []
+        for form in (first, last):
+            drift = combined(product(form, generator), slope, Fraction(1, 2))
+            changes.append(combined(combined(drift, transposed(drift)), form, exponent))
+        return all(is_positive_definite(scaled(change, -1)) for change in changes)
+    steps = round(width / motion.step)
+    if steps <= 0:
+        return steps == 0
+    lift, shrinking = lifted(motion.matrix, degree), exponential_below(-exponent * motion.step)
+    change = scaled(combined(last, first, -1), Fraction(1, steps))
+    after, before = combined(first, change), combined(last, change, -1)
+    pairs = ((first, after), (before, last))
+    return all(is_positive_definite(combined(scaled(a, shrinking), _image(lift, b), -1)) for a, b in pairs)
 
 
 def jump_decreases(reset: Rational, P: Rational, Q: Rational, degree: int) -> bool:
@@ -192,4 +226,4 @@ def _growing_form(W: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     return S, np.linalg.eigh(S)[1][:, -1:]
 
 
-__all__ = ["Leg", "Motion", "does_not_contract", "flow_decreases", "jump_decreases", "stay_decreases"]
+__all__ = ["Leg", "Motion", "does_not_contract", "flow_decreases", "jump_decreases", "span_decreases", "stay_decreases"]

@@ -21,7 +21,8 @@ from deshybrid.linear.exact import Rational, diagonal, product
 from deshybrid.linear.exact_inequalities import Motion
 from deshybrid.verify.bound_stay import EntrySet, StayBound
 from deshybrid.verify.design_file import Claim, Plant, same_names
-from deshybrid.verify.forms import FormClaim, Said
+from deshybrid.verify.form_file import FormClaim
+from deshybrid.verify.forms import Said
 from deshybrid.verify.values import as_mapping, mapping_at, matrix_at, number_at, require
 
 PART_OF_A_STEP = Fraction(1, 10**6)

@@ -41,7 +41,8 @@ from deshybrid.verify.design_file import (
     read_plant,
     read_summary,
 )
-from deshybrid.verify.forms import FormClaim, Said, SilentForm, form_checks, limit_checks, read_forms
+from deshybrid.verify.form_file import FormClaim, SilentForm, read_forms
+from deshybrid.verify.forms import Said, form_checks, limit_checks
 from deshybrid.verify.report import UNCHECKED, Check, VerifyReport
 from deshybrid.verify.sampled import made_from_the_gains
 from deshybrid.verify.watched import Watched, paths_in_words

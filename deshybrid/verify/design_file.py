@@ -51,12 +51,13 @@ class Term(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plant:
-    """A and C by location, gains, resets, and the step of a system in discrete time."""
+    """A and C by location, gains, resets, the step of a system in discrete time, and longest stays (s) where stated."""
 
     locations: Mapping[str, tuple[Rational, Rational]]
     gains: Mapping[str, Rational]
     resets: tuple[Jump, ...]
     time_step: Fraction | None
+    longest: Mapping[str, Fraction]
 
     @property
     def size(self) -> int:
@@ -190,7 +191,8 @@ def read_plant(document: Mapping[str, object]) -> Plant:
     require(len({len(A) for A, _ in locations.values()}) == 1, "system.locations", "locations with equal states")
     step = system.get("time_step")
     jumps = _jumps(system, locations)
-    return Plant(locations, gains, jumps, None if step is None else number_at(step, "system.time_step"))
+    longest = {k: number_at(v, f"longest_stays.{k}") for k, v in _longest(system, locations).items()}
+    return Plant(locations, gains, jumps, None if step is None else number_at(step, "system.time_step"), longest)
 
 
 def read_claims(document: Mapping[str, object], plant: Plant) -> tuple[Claim, ...]:
@@ -225,6 +227,14 @@ def _jumps(system: Mapping[str, object], locations: Mapping[str, tuple[Rational,
         n = len(next(iter(locations.values()))[0])
         jumps.append(Jump(str(source), str(target), matrix_at(entry.get("matrix"), where, columns=n, rows=n)))
     return tuple(jumps)
+
+
+def _longest(system: Mapping[str, object], locations: Mapping[str, object]) -> Mapping[str, object]:
+    if system.get("longest_stays") is None:
+        return {}
+    found = mapping_at(system, "longest_stays", "system")
+    require(set(found) <= set(locations), "system.longest_stays", "names of locations")
+    return found
 
 
 def _claim(entry: Mapping[str, object], number: int, plant: Plant) -> Claim:

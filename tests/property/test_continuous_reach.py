@@ -11,7 +11,6 @@ from benchmarks.adversary import Jump, place, worst_errors
 from deshybrid.continuous.dwell import certify_dwell
 from deshybrid.continuous.error import error_dynamics, error_resets
 from deshybrid.continuous.gains import ObserverGains, design_gains
-from deshybrid.continuous.lmi import certify_by_inequalities
 from deshybrid.continuous.modes import modal_basis
 from deshybrid.continuous.reach import outer_set
 from deshybrid.continuous.responses import Flow, bends, pushed, pushed_after, rest, rows_at, times_from
@@ -19,6 +18,7 @@ from deshybrid.continuous.ultimate import ultimate_bound
 from deshybrid.linear.sampling import flow_and_integral
 from deshybrid.model.load import load
 from deshybrid.model.system import Bounds, HybridSystem
+from tests.certificates import certified
 from tests.property.test_continuous_bounds import designed, dynamics, random_system
 
 
@@ -213,11 +213,11 @@ def test_where_only_forms_hold_the_bound_starts_from_ellipsoids_and_is_as_good()
         system, gains = disturbed(seed)
         paper = certify_dwell(system, gains)
         dynamics = error_dynamics(system, gains.gains)
-        needed = certify_by_inequalities(dynamics, rate=paper.rate).required_dwell
+        needed = certified(dynamics, rate=paper.rate).required_dwell
         stay = (needed + paper.required_dwell) / 2
-        forms = certify_by_inequalities(dynamics, rate=paper.rate, dwell=stay)
+        forms = certified(dynamics, rate=paper.rate, dwell=stay)
         bound = ultimate_bound(system, gains, dwell=stay, forms=forms)
-        if forms.degree > 2:
+        if forms.plain is None:
             continue
         assert not certify_dwell(system, gains, dwell=stay).holds
         assert bound.by_state is not None

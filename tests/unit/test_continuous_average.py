@@ -14,8 +14,8 @@ from deshybrid.continuous.certified import paper_certificates
 from deshybrid.continuous.document import design_document
 from deshybrid.continuous.error import ErrorDynamics, ErrorReset
 from deshybrid.continuous.gains import design_gains
-from deshybrid.continuous.lmi import certify_by_inequalities
 from deshybrid.verify import verify_design
+from tests.certificates import certified
 from tests.switched import twin
 
 Tree = dict[str, Any]
@@ -82,7 +82,7 @@ def test_the_average_dwell_time_is_not_below_the_worst_cycle(seed: int) -> None:
     dynamics = random_pair(seed)
     claim = average_dwell(dynamics, rate=0.3)
     assert claim is not None
-    assert claim.dwell >= certify_by_inequalities(dynamics, rate=0.3).limit.value
+    assert claim.dwell >= certified(dynamics, rate=0.3).limit.value
 
 
 def test_a_scalar_location_needs_the_logarithm_of_the_jump_over_what_the_rate_leaves() -> None:

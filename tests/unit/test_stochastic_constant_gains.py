@@ -60,6 +60,7 @@ def test_stays_of_the_required_length_contract_and_those_of_the_witness_do_not(f
         turn = np.linalg.matrix_power(found.error[name], round(stay)) @ turn
     assert radius(turn) >= 1
     assert cycle.stays == (3.0, 3.0)
+    assert found.certificate.limit.value == 3.0
 
 
 def test_the_filter_of_riccatis_recursion_stays_bounded_where_constant_gains_diverge(
@@ -72,7 +73,7 @@ def test_the_filter_of_riccatis_recursion_stays_bounded_where_constant_gains_div
         mode = sensors.modes[k % 2]
         gain, M = found.predictor[mode.name], found.error[mode.name]
         kept = M @ kept @ M.T + gain @ mode.R @ gain.T + mode.Q
-        filtered = switching.update(sensors, sensors.x, P, number, np.zeros(2)).P
+        filtered = switching.update(sensors, sensors.x, P, number, np.zeros(2))[0].P
         P = switching.predict(sensors, sensors.x, filtered, number)[1]
         largest = max(largest, float(np.trace(P)))
     assert largest < 100
@@ -83,7 +84,7 @@ def test_constant_gains_are_the_limit_of_the_recursion(sensors: StochasticSystem
     for number, mode in enumerate(sensors.modes):
         P = np.eye(2)
         for _ in range(300):
-            made = switching.update(sensors, sensors.x, P, np.array(number), np.zeros(2))
+            made, _ = switching.update(sensors, sensors.x, P, np.array(number), np.zeros(2))
             P = switching.predict(sensors, sensors.x, made.P, np.array(number))[1]
         predictor, filtering = constant_gain(mode)
         column = list(mode.output_index)
