@@ -90,7 +90,7 @@ def convergence(system: StochasticSystem, demand: Demand, step: float) -> Conver
       predictor gain: 1 (1 s) by κ, 1 by powers; 1 as printed
       filter gain: 1 (1 s) by κ, 1 by powers; 1 as printed
       predictor gain, by matrix inequalities, without delay: 1 (1 s)
-    covariance of the switching filter: bounded, 1 rows show the state
+    covariance of the switching filter: bounded, the state shows in 1 row
     """
     states = tuple(steady_state(mode) for mode in system.modes)
     filters = [state.filter for state in states if state.filter is not None]
@@ -119,7 +119,7 @@ def _why_not(demand: Demand, bound: SojournBound) -> str:
 
 
 def _delayed(demand: Demand) -> str:
-    return "" if not demand.delay else f", {demand.delay} rows of delay and an error of {demand.error_bound:g} left"
+    return "" if not demand.delay else f", a delay of {demand.delay} and an error of {demand.error_bound:g} left"
 
 
 def _bound_text(bound: SojournBound, step: float) -> str:
@@ -132,7 +132,7 @@ def _boundedness_text(found: Boundedness) -> str:
     which = "" if found.dwell == 1 else f" with stays of {found.dwell} rows or more"
     start = f"covariance of the switching filter{which}:"
     if found.bounded:
-        return f"{start} bounded, {found.rows} rows show the state"
+        return f"{start} bounded, the state shows in {found.rows} row{'' if found.rows == 1 else 's'}"
     cycle = " -> ".join(found.cycle)
     if found.bounded is False:
         return f"{start} not bounded, along {cycle}"

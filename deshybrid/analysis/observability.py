@@ -139,7 +139,7 @@ def _rows_text(differ_from: int | None, distance: OutputDistance, error: float) 
     needed, enough = distance.rows_needed(error), distance.rows_that_suffice(error)
     if needed is None:
         return f"outputs differ from row {differ_from} on, too little"
-    return f"outputs differ from row {differ_from} on; {needed} rows needed, {enough or 'more'} suffice"
+    return f"outputs differ from row {differ_from} on; rows needed: {needed}, that suffice: {enough or 'more'}"
 
 
 def _whatever(pair: ModePair, window: Window) -> str:

@@ -197,6 +197,7 @@ __all__ = [
     "Conditions",
     "Delay",
     "MeanRun",
+    "Truths",
     "drawn_delays",
     "mean_run",
     "predicted_delay",

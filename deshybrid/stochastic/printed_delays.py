@@ -10,7 +10,8 @@ number.  They are here to be compared with `predicted_delay`, which replaces the
   condition 2 of 4.2 the logarithm of ‖ē_T‖/‖ē_j‖ is then infinite.
 - Condition 2 of 4.2 divides by ln(σ_min(F_i)/σ_max(F_T)), which is negative almost always; the inequality then turns
   around and bounds the delay from above by nothing.
-- Condition 1 of 4.2 contains the probabilities of the very row that it is to find.
+- Condition 1 of 4.2 contains the probabilities of the very row that it is to find.  (J_i >= 0 in condition 2 is "easily
+  satisfied", says the paper; it is not asked.)
 - Inputs that differ between the modes, all that differs in the example of section 4.3, do not occur in (16) to (20).
 - 4.4 takes ratios of "any row" of Π; of the two readings the one by rows of the matrix [from, to] makes sense.
 
@@ -24,7 +25,15 @@ from math import floor, inf, isfinite, log
 import numpy as np
 
 from deshybrid.linear.arrays import FloatArray
-from deshybrid.stochastic.detection_delay import SETTLED_ROWS, Bank, MeanRun, mean_run, switched
+from deshybrid.stochastic.detection_delay import (
+    SETTLED_ROWS,
+    Bank,
+    MeanRun,
+    Truths,
+    mean_run,
+    proposition_4_1,
+    switched,
+)
 from deshybrid.stochastic.mean_residual import Mismatch, mismatch
 from deshybrid.stochastic.steady_state import SteadyFilter
 from deshybrid.stochastic.system import StochasticSystem
@@ -91,11 +100,11 @@ def printed_delays(
     others = [number for number in range(len(filters)) if number != new]
     errors = [_errors(system, run, SETTLED_ROWS - 1 - back, method) for back in (0, 1)]
     sizes = {i: _sizes(filters, i, new, errors) for i in others}
-    after = run.predicted_mu[SETTLED_ROWS:]
-    first = max((_first_condition(sizes[i], after, i, new) for i in others), default=1.0)
-    second = max((_second_condition(sizes[i]) for i in others), default=1.0)
+    after, positive = run.predicted_mu[SETTLED_ROWS:], proposition_4_1(run, new, determinants=2).first[SETTLED_ROWS:]
+    firsts = [_first_condition(sizes[i], after, positive[:, i], (i, new)) for i in others]
+    seconds = [_second_condition(sizes[i], positive[:, i]) for i in others]
     return PrintedDelays(
-        (_whole(first), _whole(second)),
+        (_whole(max(firsts, default=1.0)), _whole(max(seconds, default=1.0))),
         _whole(_third(system, sizes[others[0]], others[0], rows)) if len(others) == 1 else None,
         all(_at_once(system, sizes[i]) for i in others),
         max((_difficulty(sizes[i]) for i in others), default=-inf),
@@ -144,25 +153,27 @@ def _errors(system: StochasticSystem, run: MeanRun, row: int, method: Bank) -> l
     return [size if size > scale else 0.0 for size in np.linalg.norm(gaps, axis=1).tolist()]
 
 
-def _first_condition(sizes: _Sizes, after: FloatArray, i: int, true: int) -> float:
-    """4.2, condition 1: the first row at which it holds, β with the probabilities of the mean run."""
+def _first_condition(sizes: _Sizes, after: FloatArray, positive: Truths, modes: tuple[int, int]) -> float:
+    """4.2, condition 1: the first row at which it holds, β with the probabilities of the mean run.
+
+    `positive`: condition 1 of Proposition 4.1; modes: that of the wrong filter, and the true one.
+    """
+    i, true = modes
     for rows in range(1, len(after) + 1):
         log_mu = np.log(np.maximum(after[rows - 1], np.finfo(np.float64).tiny))
         beta = sizes.per_log * (sizes.determinants + float(log_mu[true] - log_mu[i]))
-        if sizes.right(rows) < beta + sizes.wrong(rows):
+        if positive[rows - 1] and sizes.right(rows) < beta + sizes.wrong(rows):
             return rows
     return inf
 
 
-def _second_condition(sizes: _Sizes) -> float:
+def _second_condition(sizes: _Sizes, positive: Truths) -> float:
     """4.2, condition 2; infinite where what it divides by is not positive, or ē_i is zero."""
-    if sizes.F[1] <= sizes.F[0] or sizes.error[1] == 0.0 or sizes.seen[1] == 0.0:
+    if sizes.F[1] <= sizes.F[0]:
         return inf
-    if sizes.error[0] == 0.0:
-        return 1.0
-    ratio = 2.0 * log(sizes.F[1] / sizes.F[0])
-    size = -log(sizes.alpha) + 2.0 * log(sizes.seen[0] / sizes.seen[1]) + 2.0 * log(sizes.error[0] / sizes.error[1])
-    return max(1.0, 1.0 + floor(1.0 + size / ratio))
+    least = 1.0 + _difficulty(sizes) / log(sizes.F[1] / sizes.F[0])  # the braces of condition 2 are twice (21)
+    rows = max(1.0, floor(least) + 1.0) if isfinite(least) else max(1.0, least)
+    return rows if rows <= len(positive) and positive[int(rows) - 1] else inf
 
 
 def _third(system: StochasticSystem, sizes: _Sizes, i: int, most: int) -> float:

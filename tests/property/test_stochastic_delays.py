@@ -259,6 +259,53 @@ def test_the_second_condition_of_4_2_gives_no_bound_where_it_divides_by_a_negati
     assert divided > 10
 
 
+def sigma(matrix, place):
+    return np.linalg.svd(matrix, compute_uv=False)[place]
+
+
+@given(seed=seeds)
+@settings(max_examples=25, deadline=None)
+def test_the_propositions_give_the_first_row_at_which_their_inequality_holds(seed):
+    """4.2, condition 1, and 4.3 for MMAE and two modes, in the paper's words."""
+    rng = np.random.default_rng(seed)
+    drawn = random_stochastic_system(rng, plain=True)
+    stay = rng.uniform(0.05, 0.95)
+    chain = ModeTransition(drawn.names[:2], [[stay, 1 - stay], [1 - stay, stay]])
+    system = StochasticSystem(drawn.modes[:2], chain, x=5.0 * drawn.x, P=drawn.P, mu=[0.5, 0.5])
+    i, T, rows = 0, 1, 12
+    wrong, right = filters_of(system)
+    run = mean_run(system, switched(i, T, rows), "mmae")
+    k_l = SETTLED_ROWS - 1
+    e = [float(np.linalg.norm(run.true[k_l] - run.x[k_l, mode])) for mode in (i, T)]
+    if max(e) < 1e-9:
+        return
+    A, C, K = system.modes[T].F, system.modes[T].H, wrong.filter_gain
+    dA, dC = A - wrong.mode.F, C - wrong.mode.H
+    one = np.eye(len(A))
+    Fi, FT = (one - K @ C) @ A, (one - right.filter_gain @ C) @ A
+    Hx, Gx = C @ dA + dC @ A - dC @ dA, (one - K @ C) @ dA - K @ dC @ wrong.mode.F
+    largest = np.linalg.eigvalsh(np.linalg.inv(right.S))[-1]
+    alpha = np.linalg.eigvalsh(np.linalg.inv(wrong.S))[0] / largest
+    sizes = np.log(np.linalg.det(wrong.S) / np.linalg.det(right.S))
+
+    def sides(delta):
+        left = sigma(C @ A, 0) ** 2 * sigma(FT, 0) ** (2 * (delta - 1)) * e[1] ** 2
+        wide = sigma(np.hstack([Fi, Gx]), -1) ** (2 * (delta - 1))
+        return left, alpha * sigma(np.hstack([C @ A, Hx]), -1) ** 2 * wide * (0.0 if e[0] < 1e-9 else e[0] ** 2)
+
+    first = proposition_4_1(run, T, determinants=2).first[SETTLED_ROWS:, i]
+    found = {"4.2": None, "4.3": None}
+    for delta in range(rows, 0, -1):
+        left, grown = sides(delta)
+        before = run.predicted_mu[k_l + delta]
+        if left < 2 / largest * (sizes + np.log(before[T] / before[i])) + grown and first[delta - 1]:
+            found["4.2"] = delta
+        if grown + 2 / largest * (sizes - np.log(stay / (1 - stay))) > left:
+            found["4.3"] = delta
+    made = printed_delays(system, (wrong, right), *system.names, "mmae", rows=rows)
+    assert (made.proposition_4_2[0], made.proposition_4_3) == (found["4.2"], found["4.3"])
+
+
 def test_a_run_switches_after_the_settled_rows():
     modes = switched(1, 0, 3)
     assert modes.tolist() == [1] * SETTLED_ROWS + [0] * 3

@@ -120,7 +120,7 @@ def test_a_mode_that_is_not_observable_by_itself_fails_the_lemmas_by_name():
 def test_analyse_prints_the_verdicts_and_exits_0_where_everything_is_told_apart():
     done = run("analyse", MODELS / "hwang2003/two_turns.yaml")
     assert (done.returncode, done.stderr) == (0, "")
-    assert "slow -> sharp: outputs differ from row 1 on; 1 rows needed, 2 suffice" in done.stdout
+    assert "slow -> sharp: outputs differ from row 1 on; rows needed: 1, that suffice: 2" in done.stdout
 
 
 def test_analyse_exits_1_with_a_message_for_every_no_and_writes_its_json_all_the_same():
