@@ -32,6 +32,7 @@ from deshybrid.options import (
     DwellTime,
     Every,
     GainMethod,
+    GeneratedFilter,
     MaxMemory,
     MaxStates,
     Model,
@@ -211,6 +212,7 @@ def compile_model(
     prefix: Annotated[
         str | None, typer.Option(help="prefix of all generated names; default: from the model's name")
     ] = None,
+    kind: GeneratedFilter = None,
     rate: Rate = None,
     dwell: DwellTime = None,
     step: Step = None,
@@ -220,7 +222,7 @@ def compile_model(
     read_as: ReadAs = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write report, drawings, design and observer code into a folder."""
+    """Write report, drawings, design and observer code into a folder; with `--filter` the code of a filter."""
     from deshybrid import bundle, compiler
     from deshybrid.emit.files import write_tree
     from deshybrid.emit.records import to_json
@@ -229,6 +231,14 @@ def compile_model(
         raise UsageError(diagnostic("DH0805", "`-o` names no folder"))
     folder = Path(output)
     wishes = bundle.Wishes(tuple(target or ("c", "python")), real, prefix)
+    if kind is not None:
+        from deshybrid import filter_bundle
+
+        with working("generating", timeout, max_memory):
+            texts = filter_bundle.files(_read(model, read_as), kind, wishes, step=step)
+        write_tree(folder, texts)
+        manifest = texts["MANIFEST.json"].decode()
+        return _write(None, manifest if as_json else bundle.listing(folder, texts))
     with working("compiling", timeout, max_memory):
         made = compiler.compile(_read(model, read_as), rate=rate, dwell=dwell, step=step, max_states=max_states)
         files = bundle.files(made, wishes)

@@ -53,6 +53,9 @@ TraceFile = Annotated[str, typer.Option("--trace", help="a trace as CSV, or - fo
 FilterMethod = Annotated[
     Literal["mmae", "imm", "rmimm", "skf"], typer.Option("--method", help="the filter; `skf` knows the location")
 ]
+GeneratedFilter = Annotated[
+    Literal["imm", "skf"] | None, typer.Option("--filter", help="generate this filter of a stochastic model instead")
+]
 Gate = Annotated[
     float | None, typer.Option(help="probability with which a good row is kept; one beyond it counts as missing")
 ]
@@ -71,6 +74,7 @@ __all__ = [
     "FilterMethod",
     "GainMethod",
     "Gate",
+    "GeneratedFilter",
     "MaxMemory",
     "MaxStates",
     "Model",

@@ -25,6 +25,7 @@ LEVEL = {
     "bundle": 7,
     "analysis": 7,
     "estimation": 7,
+    "filter_bundle": 8,
     "plans": 7,
     "campaigns": 7,
     "options": 8,
