@@ -134,14 +134,10 @@ def start(c: Constants, state: State) -> None:
     """Set the state before the first row: the prior in every slot."""
     n = c.n
     for slot in range(len(state.x) // n):
-        for a in range(n):
-            state.x[slot * n + a] = c.x[a]
-        for a in range(n * n):
-            state.P[slot * n * n + a] = c.P[a]
-    for j in range(c.modes):
-        state.mu[j] = c.mu[j]
-    for b in range(c.m):
-        state.held[b] = 0.0
+        state.x[slot * n : (slot + 1) * n] = c.x
+        state.P[slot * n * n : (slot + 1) * n * n] = c.P
+    state.mu[:] = c.mu
+    state.held[:] = [0.0] * c.m
     state.started[0] = 0
 
 
@@ -334,8 +330,7 @@ def is_within(c: Constants, numbers: Numbers, length: int) -> bool:
 def hold(c: Constants, state: State, u: Numbers) -> None:
     """Keep the input of a row until the next; one that is no number leaves the last in place."""
     if is_within(c, u, c.m):
-        for b in range(c.m):
-            state.held[b] = u[b]
+        state.held[:] = u
 
 
 def imm(c: Constants, state: State, w: Room, out: Out, u: Numbers, z: Numbers) -> int:
@@ -362,17 +357,14 @@ def imm(c: Constants, state: State, w: Room, out: Out, u: Numbers, z: Numbers) -
 
 def known(c: Constants, state: State, w: Room, out: Out, u: Numbers, z: Numbers, mode: int) -> int:
     """Take one row of a known mode; as `imm`, and `INVALID` for a mode that does not exist, where nothing changes."""
-    n = c.n
     if mode < 0 or mode >= c.modes:
         tell(c, state, out)
         return INVALID
     if not state.started[0]:
         hold(c, state, u)
         state.started[0] = 1
-    for a in range(n):
-        w.x[a] = state.x[a]
-    for a in range(n * n):
-        w.P[a] = state.P[a]
+    w.x[:] = state.x
+    w.P[:] = state.P
     move(c, state, w, 0, mode)
     hold(c, state, u)
     innovate(c, state, w, 0, mode, z)
@@ -389,12 +381,9 @@ def known(c: Constants, state: State, w: Room, out: Out, u: Numbers, z: Numbers,
 
 def tell(c: Constants, state: State, out: Out) -> None:
     """Tell the Gaussian of the first slot, and nothing of the row."""
-    for a in range(c.n):
-        out.x[a] = state.x[a]
-    for a in range(c.n * c.n):
-        out.P[a] = state.P[a]
-    out.told[0] = 0.0
-    out.told[1] = 0.0
+    out.x[:] = state.x[: c.n]
+    out.P[:] = state.P[: c.n * c.n]
+    out.told[:] = (0.0, 0.0)
 
 
 def checked(c: Constants, state: State, out: Out) -> int:
