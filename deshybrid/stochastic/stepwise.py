@@ -149,10 +149,8 @@ def mix(c: Constants, state: State, w: Room) -> None:
             total = total + c.probability_to_from[j * c.modes + i] * state.mu[i]
         w.predicted[j] = total
         for i in range(c.modes):
-            if total > 0.0:
-                w.weight[i] = c.probability_to_from[j * c.modes + i] * state.mu[i] / total
-            else:
-                w.weight[i] = 1.0 if i == j else 0.0
+            joint = c.probability_to_from[j * c.modes + i] * state.mu[i]
+            w.weight[i] = joint / total if total > 0.0 else float(i == j)
         blend(c, state, w, w.x, w.P, j)
 
 
@@ -165,8 +163,7 @@ def blend(c: Constants, state: State, w: Room, x: Numbers, P: Numbers, slot: int
         for i in range(c.modes):
             total = total + w.weight[i] * state.x[i * n + a]
         x[at + a] = total
-    for a in range(n * n):
-        P[square + a] = 0.0
+    P[square : square + n * n] = [0.0] * (n * n)
     for i in range(c.modes):
         if w.weight[i] > 0.0:
             for a in range(n):
@@ -263,8 +260,7 @@ def correct(c: Constants, state: State, w: Room, slot: int) -> bool:
     n, p = c.n, c.p
     at, square = slot * n, slot * n * n
     for i in range(p):
-        for b in range(i + 1):
-            w.L[i * p + b] = w.S[(slot * p + i) * p + b]
+        w.L[i * p : i * p + i + 1] = w.S[(slot * p + i) * p : (slot * p + i) * p + i + 1]
     if not eliminate(p, n, w.L, w.e, w.W):
         return False
     w.fit[slot] = 0.0
