@@ -30,6 +30,7 @@ def campaign(
     duration: Annotated[float | None, typer.Option(min=0.0, help="of one drive in s; default: the model's")] = None,
     max_drives: Annotated[int, typer.Option(min=1, help="stop with exit code 3 after so many drives")] = 1000,
     drive: Annotated[int | None, typer.Option(min=0, help="write the trace of this drive, and nothing else")] = None,
+    plant: Annotated[str | None, typer.Option(help="a finer model whose drives the observer gets")] = None,
     plots: Annotated[bool, typer.Option("--plots", help="write plots as SVG too")] = False,
     rate: Rate = None,
     dwell: DwellTime = None,
@@ -40,7 +41,7 @@ def campaign(
     output: Annotated[Path | None, typer.Option("-o", "--output", help="folder; with `--drive`, a file")] = None,
 ) -> None:
     """Simulate many drives and score the observer: delays, misses, wrong names."""
-    from deshybrid import campaigns
+    from deshybrid import campaigns, compiler
     from deshybrid.emit.files import write_result, write_tree
     from deshybrid.formats.reading import read_system
     from deshybrid.simulate.trace import write_trace
@@ -51,7 +52,8 @@ def campaign(
     progress = campaigns.Progress()
     with working(lambda: f"{progress} of {engagements} engagements", timeout):
         system, warnings = read_system(model, read_as)
-        prepared = campaigns.prepare(system, wishes)
+        finer = None if plant is None else compiler.to_hybrid(plant)
+        prepared = campaigns.prepare(system, wishes, plant=finer)
         say((*warnings, *(() if prepared.task else prepared.made.diagnostics)))
         if prepared.task is None:
             raise typer.Exit(NO)

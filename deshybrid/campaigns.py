@@ -21,6 +21,7 @@ from deshybrid.simulate.campaign import DEFAULT_ENGAGEMENTS, MAX_DRIVES, Campaig
 from deshybrid.simulate.campaign_jobs import DriveResult, Rival, Task
 from deshybrid.simulate.campaign_journal import Journal
 from deshybrid.simulate.campaign_summary import Summary
+from deshybrid.simulate.observed import require_observable_by
 from deshybrid.simulate.replay import replay
 from deshybrid.simulate.score import Engagement
 
@@ -79,11 +80,14 @@ class Prepared:
             "dwell": wishes.dwell,
             "step": wishes.step,
             "duration": wishes.duration,
+            "plant": None if self.task is None or self.task.plant is None else _digest(self.task.plant),
         }
 
 
-def prepare(source: Source, wishes: Wishes) -> Prepared:
-    """Design the observer of a model.  Raises `UsageError` (DH0720) for an unknown location in `only`.
+def prepare(source: Source, wishes: Wishes, *, plant: HybridSystem | None = None) -> Prepared:
+    """Design the observer of a model; its drives are those of the `plant`, by default of the model itself.
+
+    Raises `UsageError`: DH0720 for an unknown location in `only`, DH0725 and DH0726 for a plant that does not fit.
 
     >>> prepare("models/two_tank.yaml", Wishes(seed=1)).task.names
     ('fill', 'drain')
@@ -95,7 +99,10 @@ def prepare(source: Source, wishes: Wishes) -> Prepared:
         helps = did_you_mean(unknown[0], names)
         raise UsageError(diagnostic("DH0720", f"the model has no location `{unknown[0]}`", helps=helps))
     made = compile(system, rate=wishes.rate, dwell=wishes.dwell, step=wishes.step)
-    task = None if made.observer is None else Task(made.observer, wishes.seed, wishes.duration, _rivals(system))
+    if plant is not None:
+        require_observable_by(plant, system)
+    rivals = _rivals(system)
+    task = None if made.observer is None else Task(made.observer, wishes.seed, wishes.duration, rivals, plant)
     return Prepared(made, wishes, task)
 
 

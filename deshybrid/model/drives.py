@@ -97,7 +97,7 @@ def _signal(field: Field, problems: Problems) -> SignalModel:
 
 
 def _variation(keys: Fields) -> Variation:
-    return Variation(*(keys.number(name) or 0.0 for name in ("requests", "input", "disturbance", "state")))
+    return Variation(*(keys.number(name) or 0.0 for name in ("requests", "input", "disturbance", "state", "pace")))
 
 
 def _comparison(written: Field | None) -> RatioComparison | None:

@@ -67,6 +67,7 @@ LOCATION = Record(
         Key("output", _channels("output"), "the outputs measured here, if they differ", needs_state=True),
         Key("input", _channels("input"), "the inputs that act here, if they differ", needs_state=True),
         Key("noise", NOISE, "covariances here, if they differ", needs_state=True),
+        Key("observed_as", Text(), "the location of a coarser model that this one is, where a campaign observes it by that"),
     ),
 )
 RESET = Record(
@@ -223,6 +224,7 @@ VARIATION = Record(
     "how the drives of a campaign differ beside their seeds; half widths of uniform variations",
     (
         Key("requests", _NOT_NEGATIVE, "seconds, added to the time of each request"),
+        Key("pace", _PART, "share by which all times of the drive are stretched"),
         Key("input", _PART, "share of the points of an input", needs_state=True),
         Key("disturbance", _PART, "share of the points of a disturbance", needs_state=True),
         Key("state", _PART, "share of each component of the initial state", needs_state=True),

@@ -71,6 +71,7 @@ def _location(name: str, body: Fields, span: Span, common: _Common) -> Location:
         measurement,
         span,
         MappingProxyType({key: field.span for key, field in keys}),
+        keys.text("observed_as") or None,
     )
 
 

@@ -48,6 +48,7 @@ class Location:
     measurement_noise: FloatArray | None = None  # (p, p) covariance
     span: Span | None = field(default=None, repr=False)
     spans: Mapping[str, Span] = field(default_factory=_nothing, repr=False)  # by key: "A", "C", ...
+    observed_as: str | None = None  # a location of a coarser model; None: the one of the same name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,13 +197,15 @@ class Variation:
     """How the drives of a campaign differ, beside their seeds: each number is the half width of a uniform variation.
 
     `requests` in s, added to each request; the others are shares: of an input's and of a disturbance's points (one
-    factor a channel and drive), and of each component of the initial state.
+    factor a channel and drive), of each component of the initial state, and of all times of the drive (`pace`: one
+    factor a drive, for requests, points and duration).
     """
 
     requests: float = 0.0
     input: float = 0.0
     disturbance: float = 0.0
     state: float = 0.0
+    pace: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

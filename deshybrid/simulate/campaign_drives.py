@@ -16,7 +16,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from deshybrid.model.system import HybridSystem, SignalModel
+from deshybrid.model.system import HybridSystem, SignalModel, SimulationOptions
 from deshybrid.simulate.execution import Execution, simulate
 
 
@@ -78,7 +78,28 @@ def vary(system: HybridSystem, generator: np.random.Generator) -> HybridSystem:
         state.flags.writeable = False
     requests = tuple((time, event) for time, (_, event) in zip(ordered, options.requests, strict=True))
     varied = replace(options, requests=requests, input=inputs, disturbance=disturbances, state=state)
-    return replace(system, simulation=varied)
+    pace = float(generator.uniform(1.0 - width.pace, 1.0 + width.pace))
+    return replace(system, simulation=varied if pace == 1.0 else _stretched(varied, pace))
+
+
+def _stretched(options: SimulationOptions, pace: float) -> SimulationOptions:
+    """The same drive with all its times multiplied; sines and jitter keep their own."""
+
+    def signals(given: Mapping[str, SignalModel]) -> Mapping[str, SignalModel]:
+        later = ((name, tuple((time * pace, value) for time, value in s.points)) for name, s in given.items())
+        return MappingProxyType({name: replace(given[name], points=points) for name, points in later})
+
+    return replace(
+        options,
+        duration=None if options.duration is None else options.duration * pace,
+        requests=tuple((time * pace, event) for time, event in options.requests),
+        input=signals(options.input),
+        unmeasured=signals(options.unmeasured),
+        disturbance=signals(options.disturbance),
+        commands=MappingProxyType(
+            {name: tuple((time * pace, value) for time, value in said) for name, said in options.commands.items()}
+        ),
+    )
 
 
 def _scaled(

@@ -18,16 +18,17 @@ import copyreg
 import io
 import pickle
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
-from deshybrid.model.system import RatioComparison
+from deshybrid.model.system import HybridSystem, RatioComparison
 from deshybrid.observer.hybrid import HybridObserver
 from deshybrid.simulate.campaign_drives import drive_seed, run_drive
 from deshybrid.simulate.comparison import names_by_ratio
 from deshybrid.simulate.execution import Execution
+from deshybrid.simulate.observed import as_observed
 from deshybrid.simulate.replay import replay
 from deshybrid.simulate.score import Engagement, score_locations
 from deshybrid.simulate.trace import Trace
@@ -42,13 +43,15 @@ Rival: TypeAlias = RatioComparison | HybridObserver
 class Task:
     """What all jobs of a campaign share; times in s, None for the model's.
 
-    `rivals`: other ways to name the locations, by their names, which get the same drives.
+    `rivals`: other ways to name the locations, by their names, which get the same drives.  `plant`: a finer model whose
+    drives the observer gets instead of those of its own.
     """
 
     observer: HybridObserver
     seed: int
     duration: float | None = None
     rivals: tuple[tuple[str, Rival], ...] = ()
+    plant: HybridSystem | None = None
     minimum_stay: float = 0.3
     lead: float = 0.5
 
@@ -63,10 +66,11 @@ class Task:
         return ((OBSERVER, self.observer), *self.rivals)
 
     def execution(self, job: int) -> Execution:
-        """Return the drive of one job, with its trace."""
+        """Return the drive of one job, with its trace as the observer sees it."""
         system = self.observer.system
         step = None if system.is_discrete else self.observer.step_seconds
-        return run_drive(system, seed=self.seed, job=job, duration=self.duration, step=step)
+        drive = run_drive(self.plant or system, seed=self.seed, job=job, duration=self.duration, step=step)
+        return drive if self.plant is None else replace(drive, trace=as_observed(drive.trace, system))
 
 
 @dataclass(frozen=True, slots=True)
