@@ -31,6 +31,7 @@ def campaign(
     max_drives: Annotated[int, typer.Option(min=1, help="stop with exit code 3 after so many drives")] = 1000,
     drive: Annotated[int | None, typer.Option(min=0, help="write the trace of this drive, and nothing else")] = None,
     plant: Annotated[str | None, typer.Option(help="a finer model whose drives the observer gets")] = None,
+    against: Annotated[list[str] | None, typer.Option(help="put the observer of this model beside; repeatable")] = None,
     plots: Annotated[bool, typer.Option("--plots", help="write plots as SVG too")] = False,
     rate: Rate = None,
     dwell: DwellTime = None,
@@ -53,12 +54,13 @@ def campaign(
     with working(lambda: f"{progress} of {engagements} engagements", timeout):
         system, warnings = read_system(model, read_as)
         finer = None if plant is None else compiler.to_hybrid(plant)
-        prepared = campaigns.prepare(system, wishes, plant=finer)
+        others = [compiler.to_hybrid(path) for path in against or ()]
+        prepared = campaigns.prepare(system, wishes, plant=finer, against=others)
         say((*warnings, *(() if prepared.task else prepared.made.diagnostics)))
         if prepared.task is None:
             raise typer.Exit(NO)
         if drive is not None:
-            write_result(output, write_trace(prepared.task.execution(drive).trace).encode())
+            write_result(output, write_trace(prepared.task.seen(prepared.task.execution(drive))).encode())
             return
         with _executor(dask, workers) as (executor, count):
             run = campaigns.carry_out(

@@ -5,6 +5,7 @@ design and of the drives.
 """
 
 import bisect
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from hashlib import sha256
@@ -17,6 +18,7 @@ from deshybrid.emit.campaign_plots import Timeline, confusion_plot, delay_histog
 from deshybrid.emit.records import to_json
 from deshybrid.model.problems import did_you_mean
 from deshybrid.model.system import HybridSystem
+from deshybrid.observer.hybrid import HybridObserver
 from deshybrid.simulate.campaign import DEFAULT_ENGAGEMENTS, MAX_DRIVES, Campaign, run_campaign
 from deshybrid.simulate.campaign_jobs import DriveResult, Rival, Task
 from deshybrid.simulate.campaign_journal import Journal
@@ -68,6 +70,11 @@ class Prepared:
     task: Task | None
 
     @property
+    def _rivals(self) -> tuple[HybridObserver, ...]:
+        rivals = () if self.task is None else self.task.rivals
+        return tuple(rival for _, rival in rivals if isinstance(rival, HybridObserver))
+
+    @property
     def header(self) -> dict[str, object]:
         """What a journal has to agree with: all that the results of jobs depend on."""
         wishes, system = self.wishes, self.made.design.system
@@ -81,13 +88,18 @@ class Prepared:
             "step": wishes.step,
             "duration": wishes.duration,
             "plant": None if self.task is None or self.task.plant is None else _digest(self.task.plant),
+            "against": [_digest(rival.system) for rival in self._rivals],
         }
 
 
-def prepare(source: Source, wishes: Wishes, *, plant: HybridSystem | None = None) -> Prepared:
+def prepare(
+    source: Source, wishes: Wishes, *, plant: HybridSystem | None = None, against: Sequence[HybridSystem] = ()
+) -> Prepared:
     """Design the observer of a model; its drives are those of the `plant`, by default of the model itself.
 
-    Raises `UsageError`: DH0720 for an unknown location in `only`, DH0725 and DH0726 for a plant that does not fit.
+    `against`: further models of the same locations, whose observers get the same drives.  Raises `UsageError`: DH0720
+    for an unknown location in `only`, DH0725 and DH0726 for a plant that does not fit, DH0727 for a model in `against`
+    that does not compare.
 
     >>> prepare("models/two_tank.yaml", Wishes(seed=1)).task.names
     ('fill', 'drain')
@@ -99,17 +111,30 @@ def prepare(source: Source, wishes: Wishes, *, plant: HybridSystem | None = None
         helps = did_you_mean(unknown[0], names)
         raise UsageError(diagnostic("DH0720", f"the model has no location `{unknown[0]}`", helps=helps))
     made = compile(system, rate=wishes.rate, dwell=wishes.dwell, step=wishes.step)
-    if plant is not None:
-        require_observable_by(plant, system)
-    rivals = _rivals(system)
-    task = None if made.observer is None else Task(made.observer, wishes.seed, wishes.duration, rivals, plant)
-    return Prepared(made, wishes, task)
-
-
-def _rivals(system: HybridSystem) -> tuple[tuple[str, Rival], ...]:
-    """What the observer is compared with."""
+    for observed in (system, *against):
+        require_observable_by(plant or system, observed)
+    if made.observer is None:
+        return Prepared(made, wishes, None)
     comparison = system.simulation.comparison
-    return () if comparison is None else (("ratio", comparison),)
+    rivals: list[tuple[str, Rival]] = [] if comparison is None else [("ratio", comparison)]
+    rivals += [(other.name, _rival(other, made.observer, wishes)) for other in against]
+    return Prepared(made, wishes, Task(made.observer, wishes.seed, wishes.duration, tuple(rivals), plant))
+
+
+def _rival(other: HybridSystem, observer: HybridObserver, wishes: Wishes) -> HybridObserver:
+    """The observer of another model, which names the same locations at the same times."""
+    made = compile(other, rate=wishes.rate, dwell=wishes.dwell, step=wishes.step).observer
+    same = [location.name for location in observer.system.locations]
+    if made is None:
+        raise UsageError(diagnostic("DH0727", f"there is no observer for `{other.name}`"))
+    if [location.name for location in other.locations] != same:
+        raise UsageError(diagnostic("DH0727", f"`{other.name}` and `{observer.system.name}` differ in their locations"))
+    if made.step_seconds != observer.step_seconds:
+        steps = f"{made.step_seconds:g} s and {observer.step_seconds:g} s"
+        raise UsageError(
+            diagnostic("DH0727", f"the observers of `{other.name}` and `{observer.system.name}` step {steps}")
+        )
+    return made
 
 
 def carry_out(
@@ -175,7 +200,7 @@ def _plots(summary: Summary) -> dict[str, bytes]:
 
 def _timeline(task: Task, job: int, engagement: Engagement) -> Timeline:
     """The surroundings of an engagement, from its drive run once more."""
-    trace = task.execution(job).trace
+    trace = task.seen(task.execution(job))
     named, time = replay(task.observer, trace).location, trace.time.tolist()
     end = engagement.leave if engagement.delay is None else engagement.enter + max(engagement.delay, 0.0)
     first = bisect.bisect_left(time, engagement.enter - _BEFORE)

@@ -67,7 +67,11 @@ LOCATION = Record(
         Key("output", _channels("output"), "the outputs measured here, if they differ", needs_state=True),
         Key("input", _channels("input"), "the inputs that act here, if they differ", needs_state=True),
         Key("noise", NOISE, "covariances here, if they differ", needs_state=True),
-        Key("observed_as", Text(), "the location of a coarser model that this one is, where a campaign observes it by that"),
+        Key(
+            "observed_as",
+            Text(),
+            "the location of a coarser model that this one is, where a campaign observes it by that",
+        ),
     ),
 )
 RESET = Record(

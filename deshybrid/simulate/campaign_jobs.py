@@ -18,7 +18,7 @@ import copyreg
 import io
 import pickle
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, TypeAlias
@@ -55,6 +55,10 @@ class Task:
     minimum_stay: float = 0.3
     lead: float = 0.5
 
+    def seen(self, execution: Execution) -> Trace:
+        """Return the trace of a drive as the observer sees it, with the truth in the words of its model."""
+        return as_observed(execution.trace, self.observer.system)
+
     @property
     def names(self) -> tuple[str, ...]:
         """The locations, in the order of the model."""
@@ -66,11 +70,10 @@ class Task:
         return ((OBSERVER, self.observer), *self.rivals)
 
     def execution(self, job: int) -> Execution:
-        """Return the drive of one job, with its trace as the observer sees it."""
+        """Return the drive of one job, with the trace of the plant."""
         system = self.observer.system
         step = None if system.is_discrete else self.observer.step_seconds
-        drive = run_drive(self.plant or system, seed=self.seed, job=job, duration=self.duration, step=step)
-        return drive if self.plant is None else replace(drive, trace=as_observed(drive.trace, system))
+        return run_drive(self.plant or system, seed=self.seed, job=job, duration=self.duration, step=step)
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +153,7 @@ def run_job(packed: bytes, job: int) -> DriveResult:
     """Run one job of a packed task: what executors call."""
     task = _unpacked(packed)
     execution = task.execution(job)
-    trace = execution.trace
+    trace = task.seen(execution)
     return DriveResult(
         job,
         drive_seed(task.seed, job),
@@ -158,17 +161,19 @@ def run_job(packed: bytes, job: int) -> DriveResult:
         float(trace.time[-1] - trace.time[0]) if len(trace) else 0.0,
         None if execution.stop is None else execution.stop.kind,
         len(execution.pending),
-        tuple(_naming(task, trace, rival) for _, rival in task.detectors),
+        tuple(_naming(task, trace, named_by(rival, execution.trace)) for _, rival in task.detectors),
     )
 
 
 def named_by(rival: Rival, trace: Trace) -> tuple[str | None, ...]:
-    """Return the location that a detector names in each row of a trace."""
-    return names_by_ratio(rival, trace) if isinstance(rival, RatioComparison) else replay(rival, trace).location
+    """Return the location that a detector names in each row of a trace, which may be one of another model."""
+    if isinstance(rival, RatioComparison):
+        return names_by_ratio(rival, trace)
+    return replay(rival, as_observed(trace, rival.system)).location
 
 
-def _naming(task: Task, trace: Trace, rival: Rival) -> Naming:
-    time, truth, named = trace.time.tolist(), trace.true_location or (), named_by(rival, trace)
+def _naming(task: Task, trace: Trace, named: Sequence[str | None]) -> Naming:
+    time, truth = trace.time.tolist(), trace.true_location or ()
     return Naming(
         score_locations(time, truth, named, minimum_stay=task.minimum_stay, lead=task.lead).engagements,
         confusion_matrix(task.names, truth, named),

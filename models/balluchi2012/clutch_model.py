@@ -28,7 +28,7 @@ name: clutch
 summary: The driveline of a car with a clutch that opens, slips in both directions and locks; a plant for campaigns.
 source: >-
   Made by models/balluchi2012/clutch_model.py.  Numbers of the car as in driveline.yaml, its inertia of the crankshaft
-  divided into engine and primary shaft; friction of the clutch: typical values.  See docs/decisions/NUMBER.
+  divided into engine and primary shaft; friction of the clutch: typical values.  See docs/decisions/0024-a-finer-plant.md.
 
 # x = (alpha, omega_e, omega_p, omega_w, c): torsion, engine, primary shaft, wheels, torque that the clutch can pass.
 parameters:
@@ -103,17 +103,18 @@ def transitions(gear: str) -> list[str]:
         here, there = name(gear, slip), name(gear, -slip)
         met = f"omega_e - omega_p {relation} 0"
         lines += [
-            f"  - {{from: {here}, to: {name(gear, 0)}, event: lock, guard: \"{met} & {holds}\", reset: {lock}}}",
-            f"  - {{from: {here}, to: {there}, event: turn, guard: \"{met} & !({holds})\"}}",
-            f"  - {{from: {here}, to: open, event: out, guard: \"c <= 2\"}}",
+            f'  - {{from: {here}, to: {name(gear, 0)}, event: lock, guard: "{met} & {holds}", reset: {lock}}}',
+            f'  - {{from: {here}, to: {there}, event: turn, guard: "{met} & !({holds})"}}',
+            f'  - {{from: {here}, to: open, event: out, guard: "c <= 2"}}',
         ]
     lines += [
-        f"  - {{from: {name(gear, 0)}, to: {name(gear, 1)}, event: break, guard: \"{through} > static*c\"}}",
-        f"  - {{from: {name(gear, 0)}, to: {name(gear, -1)}, event: break, guard: \"{through} < -static*c\"}}",
-        f"  - {{from: open, to: {name(gear, 1)}, event: in_{gear}, guard: \"omega_e - omega_w/{tau} >= 0 & c <= 2\", "
+        f'  - {{from: {name(gear, 0)}, to: {name(gear, 1)}, event: break, guard: "{through} > static*c"}}',
+        f'  - {{from: {name(gear, 0)}, to: {name(gear, -1)}, event: break, guard: "{through} < -static*c"}}',
+        f'  - {{from: open, to: {name(gear, 1)}, event: in_{gear}, guard: "omega_e - omega_w/{tau} >= 0 & c <= 2", '
         f"reset: {meshed}}}",
-        f"  - {{from: open, to: {name(gear, -1)}, event: in_{gear}, guard: \"omega_e - omega_w/{tau} < 0 & c <= 2\", "
+        f'  - {{from: open, to: {name(gear, -1)}, event: in_{gear}, guard: "omega_e - omega_w/{tau} < 0 & c <= 2", '
         f"reset: {meshed}}}",
+        f'  - {{from: rest, to: {name(gear, 1)}, event: in_{gear}, guard: "c <= 2", reset: {meshed}}}',
     ]
     return lines
 
@@ -183,16 +184,18 @@ class Layout:
         self.go(close / 2.0, torque=torque, load=load)
 
     def stop(self, load: float) -> None:
-        """Brake to about rest with the clutch opened at walking speed, then stand."""
-        while abs(self.wheels) * RADIUS > 2.5:
+        """Brake with the clutch opened at a running speed, then in neutral, until the brakes hold the car."""
+        while abs(self.wheels) * RADIUS > 5.5:
             self.go(0.2, torque=-5.0, load=load, ramp=0.2)
         self.open_clutch(0.1)
-        while abs(self.wheels) * RADIUS > 0.35:
-            self.go(0.1, torque=6.0, load=load, ramp=0.1)
+        self.go(0.4, torque=0.0, load=load / 2.0, ramp=0.1)
         self.gear = None
-        self.go(0.5, torque=14.0, load=0.0, ramp=0.1)
         self.ask("out")
-        self.go(1.5, torque=B_E * IDLE + 2.0, load=0.0, ramp=0.1)
+        sign = 1.0 if self.wheels > 0.0 else -1.0
+        while sign * self.wheels > -5.0:  # some more, for the drives that are faster
+            self.go(0.2, torque=9.0, load=load, ramp=0.2)
+        self.wheels = 0.0
+        self.go(0.5, torque=B_E * IDLE, load=0.0)
 
     def _point(self, points: list[tuple[float, float]], after: float, value: float) -> None:
         when = round(self.time + after, 3)
@@ -248,8 +251,8 @@ def drive() -> Layout:
     d.shift("2", miss=1.0, close=0.08)  # the engine is left where it was, and the clutch let go
     d.go(1.2, torque=-15.0, load=300.0)
     d.stop(900.0)
-    d.go(1.0, torque=20.0, load=0.0)  # too much torque for rest
-    d.pull_away("1", torque=70.0, close=0.15, load=100.0)  # abrupt
+    d.go(0.8, torque=12.0, load=0.0)  # too much torque for rest
+    d.pull_away("1", torque=70.0, close=0.25, load=100.0)  # abrupt
     d.go(2.2, torque=130.0, load=110.0)
     d.shift("3", miss=0.2)  # skips second
     d.go(2.0, torque=150.0, load=120.0)
@@ -275,7 +278,7 @@ def simulation(d: Layout) -> str:
 # Up and down, two gears at once, hard braking, the clutch let go abruptly, and back.
 simulation:
   duration: {d.time:g}
-  location: open
+  location: rest
   state: [0, {IDLE:g}, 0, 0, 0]
   requests: [
     {lines}]
@@ -305,6 +308,13 @@ def main() -> int:
         parameters.append(f"  tau_{gear}: 1/(final*{teeth})")
         parameters += [f"  {letter}_{gear}: {letter}_shaft*tau_{gear}**2" for letter in "kb"]
     opened = """\
+  rest:                                # neutral, and the brakes hold the car
+    A: [[-k_shaft/b_shaft, 0, 0, 0, 0],
+        [0, -b_e/j_e, 0, 0, 0],
+        [0, 0, -b_p/j_p, 0, 0],
+        [0, 0, 0, 0, 0],
+        [0, 0, 0, 0, -1/lag]]
+    E: [[0, 0], [0, 1/j_e], [0, 0], [0, 0], [0, 0]]
   open:                                # neutral, and the clutch open
     A: [[-k_shaft/b_shaft, 0, 0, 0, 0],
         [0, -b_e/j_e, 0, 0, 0],
@@ -312,9 +322,13 @@ def main() -> int:
         [0, 0, 0, -b_w/j_w, 0],
         [0, 0, 0, 0, -1/lag]]"""
     places = [opened, *(location(gear, slip) for gear in GEARS for slip in (0, 1, -1))]
-    moves = [line for gear in GEARS for line in transitions(gear)]
+    held = "{matrix: [[1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, 0, 1, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 1]]}"
+    moves = [
+        f'  - {{from: open, to: rest, event: stop, guard: "-0.3 <= omega_w <= 0.3", reset: {held}}}',
+        *(line for gear in GEARS for line in transitions(gear)),
+    ]
     print(HEAD + "\n".join(parameters) + "\n" + CHANNELS, end="")
-    print("\nlocations:", *places, "initial: [open]", "", "transitions:", *moves, sep="\n", end="")
+    print("\nlocations:", *places, "initial: [rest]", "", "transitions:", *moves, sep="\n", end="")
     print(simulation(drive()), end="")
     return 0
 
