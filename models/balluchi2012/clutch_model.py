@@ -28,7 +28,8 @@ name: clutch
 summary: The driveline of a car with a clutch that opens, slips in both directions and locks; a plant for campaigns.
 source: >-
   Made by models/balluchi2012/clutch_model.py.  Numbers of the car as in driveline.yaml, its inertia of the crankshaft
-  divided into engine and primary shaft; friction of the clutch: typical values.  See docs/decisions/0024-a-finer-plant.md.
+  divided into engine and primary shaft; friction of the clutch: typical values.  See
+  docs/decisions/0024-a-finer-plant.md.
 
 # x = (alpha, omega_e, omega_p, omega_w, c): torsion, engine, primary shaft, wheels, torque that the clutch can pass.
 parameters:
