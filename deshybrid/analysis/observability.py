@@ -113,7 +113,7 @@ def _literal_text(verdict: LiteralVerdict) -> str:
     if verdict.index is None:
         names = ", ".join(verdict.unobservable)
         return f"Theorem 1 of Hwang et al. (2003), read literally: fails, since {names} is not observable by itself"
-    parts = [f"Lemma 2 {_holds(verdict.lemma_2)} on {verdict.index} rows", f"Lemma 3 {_holds(verdict.lemma_3)}"]
+    parts = [f"Lemma 2 {_holds(verdict.lemma_2)} at τ̄ = {verdict.index}", f"Lemma 3 {_holds(verdict.lemma_3)}"]
     return f"Theorem 1 of Hwang et al. (2003), read literally: {_holds(verdict.theorem_1)} ({', '.join(parts)})"
 
 

@@ -63,6 +63,9 @@ class Demand:
             )
             helps = ("0 < factor < 1 a step, delay and error not negative",)
             raise UsageError(diagnostic("DH1205", text, helps=helps))
+        for name, bound in (("state", self.state), ("input", self.input)):
+            if bound is not None and not bool((bound >= 0.0).all()):
+                raise UsageError(diagnostic("DH1205", f"a bound of the {name} is negative or no number"))
 
 
 @dataclass(frozen=True, slots=True)

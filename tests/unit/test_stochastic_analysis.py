@@ -138,6 +138,8 @@ def test_analyse_exits_1_with_a_message_for_every_no_and_writes_its_json_all_the
     ("words", "code"),
     [
         (("hwang2003/two_turns.yaml", "--error", "0.5"), "DH1204"),
+        (("hwang2003/two_turns.yaml", "--factor", "1"), "DH1205"),
+        (("hwang2003/two_turns.yaml", "--state-bound", "nan"), "DH1205"),
         (("balluchi2012/fig2.yaml",), "DH0306"),
         (("balluchi2012/driveline.yaml",), "DH1101"),
     ],
