@@ -4,13 +4,14 @@ In: the words of the command line.  Out: the estimates as CSV, the score beside 
 """
 
 from deshybrid.console import say, tell_beside, working
-from deshybrid.options import AsJson, EstimatePlot, FilterMethod, Gate, Model, Output, TraceFile
+from deshybrid.options import AsJson, EstimatePlot, FilterMethod, Gate, Lag, Model, Output, TraceFile
 
 
 def estimate(
     model: Model,
     trace: TraceFile,
     method: FilterMethod = "imm",
+    lag: Lag = 0,
     gate: Gate = None,
     plot: EstimatePlot = None,
     as_json: AsJson = False,
@@ -22,7 +23,7 @@ def estimate(
     from deshybrid.emit.records import to_json
 
     with working("estimating"):
-        made = estimation.estimate_trace(model, trace, method=method, gate=gate)
+        made = estimation.estimate_trace(model, trace, method=method, gate=gate, lag=lag)
         picture = None if plot is None else estimation.plot(made)
     if plot is not None and picture is not None:
         write_whole(plot, picture)

@@ -16,13 +16,14 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from deshybrid.compiler import Source, to_hybrid
-from deshybrid.diagnostics import Diagnostic, TraceError, diagnostic
+from deshybrid.diagnostics import Diagnostic, TraceError, UsageError, diagnostic
 from deshybrid.model.system import HybridSystem, ObserverOptions
 from deshybrid.simulate.table import decode, read_bytes
 from deshybrid.simulate.trace import Trace, parse_trace, quoted, shortest
 from deshybrid.stochastic.from_model import require_stochastic, stochastic_system
 from deshybrid.stochastic.record import Estimates, estimate, estimate_known
 from deshybrid.stochastic.score import Consistency, Switch, nees, switches
+from deshybrid.stochastic.smoothing import smooth
 from deshybrid.stochastic.system import StochasticSystem
 
 EstimateMethod: TypeAlias = Literal["mmae", "imm", "rmimm", "skf"]
@@ -37,6 +38,7 @@ class Estimation:
     method: EstimateMethod
     estimates: Estimates
     gate: float | None = None
+    lag: int = 0
 
     @cached_property
     def location(self) -> tuple[str, ...]:
@@ -109,6 +111,7 @@ class Estimation:
             "rows": len(self.trace),
             "log_likelihood": self.log_likelihood,
             "nis": nis,
+            "lag": self.lag,
             "gate": self.gate,
             "outliers": (np.flatnonzero(self.estimates.gated) + 1).tolist(),
             "score": self.truth.record(),
@@ -117,6 +120,8 @@ class Estimation:
     def __str__(self) -> str:
         consistency = self.consistency
         lines = [f"log-likelihood: {self.log_likelihood:.6f} over {len(self.trace)} rows ({self.method})"]
+        if self.lag:
+            lines.append(f"smoothed: each row with {self.lag} rows after it")
         if consistency.freedom:
             low, high = (bound / consistency.freedom for bound in consistency.band)
             mean = consistency.total / consistency.freedom
@@ -166,18 +171,21 @@ class Truth:
 
 
 def estimate_trace(
-    source: Source, trace: str | Path, *, method: EstimateMethod = "imm", gate: float | None = None
+    source: Source, trace: str | Path, *, method: EstimateMethod = "imm", gate: float | None = None, lag: int = 0
 ) -> Estimation:
     """Return the estimates of a stochastic model (a path or a system) on a trace (a path, or - for standard input).
 
-    A row that no location expects with the probability `gate` counts as missing.
+    A row that no location expects with the probability `gate` counts as missing.  With a `lag`, which `imm` alone has, an
+    estimate uses so many rows after its own.
 
-    Raises `ModelError` (DH1101), `UsageError` (DH0306, DH1103, DH1105, DH1108, DH1111) and `TraceError` (DH0310 to
-    DH0324; DH1106 where `skf` is not told the location of a row).
+    Raises `ModelError` (DH1101), `UsageError` (DH0306, DH1103, DH1105, DH1108, DH1111, DH1112) and `TraceError`
+    (DH0310 to DH0324; DH1106 where `skf` is not told the location of a row).
 
     >>> estimate_trace("models/hwang2006/turn.yaml", "models/hwang2006/turn.csv").location[:2]
     ('CV', 'CV')
     """
+    if lag and method != "imm":
+        raise UsageError(diagnostic("DH1112", f"`{method}` has no smoother, so that its lag is 0"))
     model = to_hybrid(source)
     require_stochastic(model)
     name, data = read_bytes(trace)
@@ -186,6 +194,8 @@ def estimate_trace(
     z, u = samples.outputs, samples.inputs
     if method == "skf":
         return Estimation(samples, system, method, estimate_known(system, z, _known(samples), u, gate=gate), gate)
+    if method == "imm" and lag:
+        return Estimation(samples, system, method, smooth(system, z, u, lag=lag, gate=gate), gate, lag)
     return Estimation(samples, system, method, estimate(system, z, u, method=method, gate=gate), gate)
 
 

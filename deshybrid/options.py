@@ -53,6 +53,7 @@ TraceFile = Annotated[str, typer.Option("--trace", help="a trace as CSV, or - fo
 FilterMethod = Annotated[
     Literal["mmae", "imm", "rmimm", "skf"], typer.Option("--method", help="the filter; `skf` knows the location")
 ]
+Lag = Annotated[int, typer.Option(min=0, help="rows after its own that an estimate may use; `imm` only")]
 GeneratedFilter = Annotated[
     Literal["imm", "skf"] | None, typer.Option("--filter", help="generate this filter of a stochastic model instead")
 ]
@@ -75,6 +76,7 @@ __all__ = [
     "GainMethod",
     "Gate",
     "GeneratedFilter",
+    "Lag",
     "MaxMemory",
     "MaxStates",
     "Model",

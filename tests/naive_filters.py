@@ -106,7 +106,14 @@ def expected_residual(system, j, predicted, *, start, P, error, z, inputs):
 
 
 def batch_least_squares(system: StochasticSystem, z, u, modes):
-    """The last state of a run with known modes, as one least-squares problem over all states and measurements.
+    """The last state of a run with known modes, and its covariance."""
+    n = len(system.x)
+    solution, covariance = whole_least_squares(system, z, u, modes)
+    return solution[-n:], covariance[-n:, -n:]
+
+
+def whole_least_squares(system: StochasticSystem, z, u, modes):
+    """All states of a run with known modes, one after the other, as one least-squares problem.
 
     Unknown: x at the prior's time and at every row.  No recursion, no gain, no covariance update.
     """
@@ -133,4 +140,51 @@ def batch_least_squares(system: StochasticSystem, z, u, modes):
     A, b = np.vstack(blocks), np.concatenate(values)
     information = A.T @ A
     solution = np.linalg.lstsq(A, b, rcond=None)[0]
-    return solution[-n:], np.linalg.inv(information)[-n:, -n:]
+    return solution, np.linalg.inv(information)
+
+
+def enumerated(system: StochasticSystem, z, u):
+    """The exact posterior of a short record given all of it: every sequence of modes, each by its Kalman filter.
+
+    Returns mu (N, M) and the mean of x (N, n): M ** N runs.
+    """
+    count, n, rows = len(system.modes), len(system.x), len(z)
+    Pi = system.chain.probability_to_from
+    mu, x, total = np.zeros((rows, count)), np.zeros((rows, n)), 0.0
+    for sequence in np.ndindex(*(count,) * rows):
+        weight, mean, P, before = 1.0, system.x, system.P, system.mu
+        for k, j in enumerate(sequence):
+            weight *= float(Pi[j] @ before)
+            before = np.eye(count)[j]
+            mean, P = kalman_predict(system.modes[j], mean, P, u[max(k - 1, 0)])
+            mean, P, density = kalman_update(system.modes[j], mean, P, z[k], u[k])
+            weight *= density
+        states = whole_least_squares(system, z, u, sequence)[0].reshape(rows + 1, n)[1:]
+        total += weight
+        mu += weight * np.eye(count)[list(sequence)]
+        x += weight * states
+    return mu / total, x / total
+
+
+def smoothed(system: StochasticSystem, beliefs, u, k, lag):
+    """mu, x, P of each mode of row k given `lag` rows more, pair by pair; beliefs are the (mu, xs, Ps) of every row."""
+    Pi, count = system.chain.probability_to_from, len(system.modes)
+    if lag == 0 or k == len(beliefs) - 1:
+        return beliefs[k]
+    mu, xs, Ps = beliefs[k]
+    later_mu, later_x, later_P = smoothed(system, beliefs, u, k + 1, lag - 1)
+    predicted = Pi @ mu
+    new_mu, new_x, new_P = [], [], []
+    for i in range(count):
+        weights, means, spreads = [], [], []
+        for j, mode in enumerate(system.modes):
+            moved, covariance = kalman_predict(mode, xs[i], Ps[i], u[k])
+            G = Ps[i] @ mode.F.T @ np.linalg.inv(covariance)
+            weights.append(later_mu[j] * Pi[j, i] * mu[i] / predicted[j])
+            means.append(xs[i] + G @ (later_x[j] - moved))
+            spreads.append(Ps[i] + G @ (later_P[j] - covariance) @ G.T)
+        new_mu.append(sum(weights))
+        mean, spread = combined([w / sum(weights) for w in weights], means, spreads)
+        new_x.append(mean)
+        new_P.append(spread)
+    return np.array(new_mu), new_x, new_P

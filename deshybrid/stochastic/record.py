@@ -244,6 +244,20 @@ def _known_modes(system: StochasticSystem, modes: ArrayLike, shape: tuple[int, .
     return known.astype(np.intp)
 
 
+def rows_of(
+    system: StochasticSystem, z: ArrayLike, u: ArrayLike | None = None
+) -> list[tuple[FloatArray, FloatArray | None, FloatArray | None]]:
+    """Return each row's measurement (..., p), the input of the step that leads to it, and its own input (..., m).
+
+    Raises `UsageError` (DH1107) where a shape does not fit.
+
+    >>> from deshybrid.stochastic.examples import calm_and_wild
+    >>> [z.tolist() for z, _, _ in rows_of(calm_and_wild(), [[0.1], [0.2]])]
+    [[0.1], [0.2]]
+    """
+    return _rows(*_records(system, z, u))
+
+
 def _rows(
     measured: FloatArray, inputs: FloatArray | None
 ) -> list[tuple[FloatArray, FloatArray | None, FloatArray | None]]:
@@ -281,4 +295,4 @@ def _one_array(rows: Sequence[FloatArray], trials: int) -> FloatArray:
     return sealed(in_front(row_first, row_first.ndim - trials))
 
 
-__all__ = ["Engine", "Estimates", "UnknownModeMethod", "estimate", "estimate_known"]
+__all__ = ["Engine", "Estimates", "UnknownModeMethod", "estimate", "estimate_known", "rows_of"]
