@@ -175,8 +175,8 @@ def estimate_trace(
 ) -> Estimation:
     """Return the estimates of a stochastic model (a path or a system) on a trace (a path, or - for standard input).
 
-    A row that no location expects with the probability `gate` counts as missing.  With a `lag`, which `imm` alone has, an
-    estimate uses so many rows after its own.
+    A row that no location expects with the probability `gate` counts as missing.  With a `lag`, which `imm` alone has,
+    an estimate uses so many rows after its own.
 
     Raises `ModelError` (DH1101), `UsageError` (DH0306, DH1103, DH1105, DH1108, DH1111, DH1112) and `TraceError`
     (DH0310 to DH0324; DH1106 where `skf` is not told the location of a row).
