@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import deshybrid as dh
+from deshybrid import bundle
 from deshybrid.des.composition import parallel
 from deshybrid.diagnostics import FormatError, TraceError, UsageError
 from deshybrid.emit.picture import des_picture, dprime_picture, observer_picture
@@ -174,3 +175,13 @@ def test_a_drawing_tells_the_commands_where_not_every_one_will_do(gears: HybridS
     assert [arc.lines for arc in des_picture(lever, title="lever").arcs][2] == ("press / clack",)
     assert ("click@lever=1",) in [arc.lines for arc in observer_picture(lever, title="lever").arcs]
     assert ("click@lever=2|3",) in [arc.lines for arc in dprime_picture(lever, title="lever").arcs]
+
+
+def test_report_and_header_say_which_commands_the_observer_is_told(gears: HybridSystem) -> None:
+    texts = bundle.files(dh.compile(gears))
+    page = re.sub("<[^>]+>", "", texts["report.html"].decode())
+    assert re.search(r"the command lever with the values\s+1, 2, 3,\s+N,", page)
+    assert "the value of the command clutch" in page
+    header = texts["c/gears.h"].decode()
+    assert "int32_t command[GEARS_N_COMMANDS]; /* GEARS_COMMAND_...: lever, clutch */" in header
+    assert "GEARS_COMMAND_CLUTCH_RELEASED = 2" in header
