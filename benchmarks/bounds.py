@@ -24,7 +24,7 @@ from deshybrid.continuous.impulse import impulse_norm
 from deshybrid.continuous.lmi import shifted_dynamics
 from deshybrid.continuous.mismatch import in_time
 from deshybrid.continuous.modes import modal_basis
-from deshybrid.continuous.reach import entry_sets, highest
+from deshybrid.continuous.reach import entry_sets, highest, seen_exits
 from deshybrid.continuous.responses import Flow
 from deshybrid.linear.arrays import FloatArray
 
@@ -66,7 +66,8 @@ def by_reachable_sets(
     if known is None:
         return None
     flows = {name: Flow(entry.modes, drives[name], None) for name, entry in stays.items()}
-    sets = entry_sets(flows, {name: entry.exits for name, entry in stays.items()}, known, beta)
+    exits = {name: entry.exits for name, entry in stays.items()}
+    sets = entry_sets(lambda entered: seen_exits(flows, exits, entered, beta), known, len(next(iter(drives.values()))))
     return np.max([highest(flow, stays[name].exits, sets[name], stay) for name, flow in flows.items()], axis=0)
 
 

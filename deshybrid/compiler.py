@@ -84,6 +84,10 @@ class Design(Explained):
         from deshybrid.continuous.certified import forms_for
         from deshybrid.continuous.ultimate import ultimate_bound
 
+        if self.gains is not None and self.determined is not None and self.determined.decides:
+            from deshybrid.continuous.ultimate_box import ultimate_bound_in_box
+
+            return ultimate_bound_in_box(self.system, self.gains, self.determined.certificates[0])
         if self.gains is None or not self.certificates:
             return None
         forms = forms_for(self.certificates, self.delay)

@@ -47,6 +47,11 @@ class Determined:
         return bool(self.certificates) and all(certificate.holds for certificate in self.certificates)
 
     @property
+    def decides(self) -> bool:
+        """True where the contraction, looked for at least, is all that the design can rest on."""
+        return self.required and bool(self.certificates)
+
+    @property
     def rate(self) -> float:
         """The certified rate (1/s) over many switches, if all stays are the longest."""
         return min((certificate.rate for certificate in self.certificates), default=0.0)

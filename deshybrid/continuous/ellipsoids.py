@@ -52,12 +52,12 @@ def entry_ellipsoids(
     if not rho < 1:
         return None
     added = [
-        _size(np.abs(exit.reset) @ stay.forced + exit.most()[0], P[exit.target])
+        size_in_form(np.abs(exit.reset) @ stay.forced + exit.most()[0], P[exit.target])
         for stay in stays.values()
         for exit in stay.exits
     ]
     level = max(added, default=0.0) / (1 - rho) * (1 + ROUNDING)
-    return {name: _along(np.asarray(np.linalg.inv(P[name])), level) for name in dynamics.locations}
+    return {name: along_ellipsoid(np.asarray(np.linalg.inv(P[name])), level) for name in dynamics.locations}
 
 
 def _over(dynamics: ErrorDynamics, name: str, stay: float) -> FloatArray:
@@ -74,13 +74,18 @@ def _ratio(matrix: FloatArray, after: FloatArray, before: FloatArray) -> float:
     return float(eigh(matrix.T @ after @ matrix, before, eigvals_only=True).max())
 
 
-def _size(entries: FloatArray, form: FloatArray) -> float:
-    """A bound of sqrt(ζᵀ form ζ) over all |ζ| <= entries."""
+def size_in_form(entries: FloatArray, form: FloatArray) -> float:
+    """Return a bound of sqrt(ζᵀ form ζ) over all |ζ| <= entries (n,).
+
+    >>> size_in_form(np.array([3.0, 4.0]), np.eye(2))
+    5.0
+    """
     return float(np.sqrt(entries @ np.abs(form) @ entries))
 
 
-def _along(inverse: FloatArray, level: float) -> Levels:
+def along_ellipsoid(inverse: FloatArray, level: float) -> Levels:
+    """Return the support of {ζᵀ P ζ <= level²}; inverse: P⁻¹ (n, n)."""
     return lambda rows: np.asarray(level * np.sqrt(np.maximum(((rows @ inverse) * rows).sum(axis=-1), 0.0)))
 
 
-__all__ = ["entry_ellipsoids"]
+__all__ = ["along_ellipsoid", "entry_ellipsoids", "size_in_form"]

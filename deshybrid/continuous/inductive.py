@@ -67,6 +67,24 @@ def inductive_sets(
     """
     if any(outer.corners is None for outer in sets.values()) or any(f.modes.kappa > ALIKE for f in flows.values()):
         return None
+    found = settled(flows, exits, sets, stay)
+    if found is None:
+        return None
+    peaks = np.max([highest(flow, exits[name], found[name], stay) for name, flow in flows.items()], axis=0)
+    kept = {name: _kept(outer) for name, outer in found.items()}
+    return UltimateCertificate(stay, kept), np.asarray(peaks * (1 + ROOM / 2))
+
+
+def settled(
+    flows: Mapping[str, Flow],
+    exits: Mapping[str, tuple[Mismatch, ...]],
+    sets: Mapping[str, Outer],
+    stay: float,
+) -> Mapping[str, Outer] | None:
+    """Return sets that no switch leads out of, with room, found from any sets; None where the iteration does not end.
+
+    As zero is in them, they hold all entry errors from zero: no certificate is needed for that.
+    """
     peaks = np.max([highest(flow, exits[name], sets[name], stay) for name, flow in flows.items()], axis=0)
     found = {name: _thick(outer, FLAT * peaks) for name, outer in sets.items()}
     seen = seen_exits(flows, exits, found, dict.fromkeys(flows, stay))
@@ -74,9 +92,7 @@ def inductive_sets(
     for _ in range(MOST_ROUNDS):
         after = one_switch(seen, found, least)
         if all((after[name] * (1 + ROOM / 2) <= found[name].levels).all() for name in found):
-            peaks = np.max([highest(flow, exits[name], found[name], stay) for name, flow in flows.items()], axis=0)
-            kept = {name: _kept(outer) for name, outer in found.items()}
-            return UltimateCertificate(stay, kept), np.asarray(peaks * (1 + ROOM / 2))
+            return found
         found = {name: outer.at(after[name] * (1 + ROOM)) for name, outer in found.items()}
     return None
 
@@ -100,4 +116,4 @@ def _kept(outer: Outer) -> InductiveSet:
     )
 
 
-__all__ = ["InductiveSet", "UltimateCertificate", "inductive_sets"]
+__all__ = ["InductiveSet", "UltimateCertificate", "inductive_sets", "settled"]

@@ -129,21 +129,18 @@ def _solid(known: Mapping[str, Levels], n: int) -> Mapping[str, Levels]:
 
 
 def entry_sets(
-    flows: Mapping[str, Flow],
-    exits: Mapping[str, tuple[Mismatch, ...]],
-    known: Mapping[str, Levels],
-    beta: Mapping[str, float],
+    look: Callable[[Mapping[str, Outer]], list[Exit]], known: Mapping[str, Levels], n: int
 ) -> Mapping[str, Outer]:
-    """Return polytopes that hold every entry error that started from zero, for stays of at least beta (s).
+    """Return polytopes that hold every entry error (n,) that started from zero.
 
-    `known` holds them already.  Directions that are even in units that do not fit leave the polytopes loose, so these
+    `look` sees all exits along the directions of sets, by `seen_exits` for instance.  `known` holds the errors already.
+    Directions that are even in units that do not fit leave the polytopes loose, so these
     are laid out anew in the units of what was found, and all starts again from there.
     """
-    n = len(next(iter(flows.values())).modes.basis)
     solid = _solid(known, n)
     sets = {name: outer_set(np.diag(levels(np.eye(n))), levels) for name, levels in solid.items()}
     for _ in range(LAYOUTS):
-        sets = _went_down(seen_exits(flows, exits, sets, beta), sets)
+        sets = _went_down(look(sets), sets)
         sets = {name: outer_set(outer.shape(), outer.support) for name, outer in sets.items()}
     return sets
 
@@ -168,7 +165,7 @@ def one_switch(seen: list[Exit], sets: Mapping[str, Outer], least: Mapping[str, 
     """Return the levels of all entry errors after a stay and an exit from `sets`; nowhere below `least`."""
     levels = dict(least)
     for exit in seen:
-        levels[exit.target] = np.maximum(levels[exit.target], _level(exit, sets[exit.source]))
+        levels[exit.target] = np.maximum(levels[exit.target], level_after(exit, sets[exit.source]))
     return levels
 
 
@@ -193,7 +190,7 @@ def highest(flow: Flow, exits: tuple[Mismatch, ...], entered: Outer, beta: float
     found = [_along(("", ""), flow, times_from(flow, 0.0), states, in_time("", states).shown())]
     late = [exit for exit in exits if exit.delayed is not None]
     found += [_along(("", ""), flow, times_from(flow, beta), states, exit.shown()) for exit in late]
-    return np.asarray(np.max([_level(exit, entered) for exit in found], axis=0))
+    return np.asarray(np.max([level_after(exit, entered) for exit in found], axis=0))
 
 
 def _along(leaving: tuple[str, str], flow: Flow, times: FloatArray, rows: FloatArray, late: Late) -> Exit:
@@ -211,7 +208,7 @@ def _along(leaving: tuple[str, str], flow: Flow, times: FloatArray, rows: FloatA
     )
 
 
-def _level(exit: Exit, entered: Outer) -> FloatArray:
+def level_after(exit: Exit, entered: Outer) -> FloatArray:
     """The step of the module's text, over the intervals between the times, and over all later ones."""
     box = entered.support(np.eye(exit.rows.shape[2]))
     at = entered.support(exit.rows)
@@ -264,4 +261,15 @@ def polar(directions: FloatArray, levels: FloatArray) -> "tuple[ConvexHull, Floa
     return ConvexHull(np.vstack([points, -points]) / size), np.asarray(size)
 
 
-__all__ = ["Exit", "Levels", "Outer", "entry_sets", "highest", "one_switch", "outer_set", "polar", "seen_exits"]
+__all__ = [
+    "Exit",
+    "Levels",
+    "Outer",
+    "entry_sets",
+    "highest",
+    "level_after",
+    "one_switch",
+    "outer_set",
+    "polar",
+    "seen_exits",
+]

@@ -12,8 +12,9 @@ larger.  Several norms are tried.
 
 State by state, `continuous/entrywise.py`: no κ enters, nor any unit.
 
-Where only a certificate by forms holds, its ellipsoids are the start (`continuous/ellipsoids.py`).  From what these
-leave, reachable sets go down to nearly what an adversary reaches (`continuous/reach.py`).
+Where only a certificate by forms holds, its ellipsoids are the start (`continuous/ellipsoids.py`), or, where its forms
+are not plain quadratic ones, sets that grow until no switch leads out of them.  From what these leave, reachable sets
+go down to nearly what an adversary reaches (`continuous/reach.py`).
 
 With a delay the plant is in i while the observer still follows j; see `continuous/mismatch.py`: this is (49),
 repaired.  Cost: a second for three locations of three states.
@@ -33,11 +34,11 @@ from deshybrid.continuous.entrywise import Stay, entrywise_bound
 from deshybrid.continuous.error import ErrorDynamics, dynamics_of, error_dynamics, state_scale
 from deshybrid.continuous.gains import ObserverGains
 from deshybrid.continuous.impulse import impulse_norm
-from deshybrid.continuous.inductive import UltimateCertificate, inductive_sets
+from deshybrid.continuous.inductive import FLAT, UltimateCertificate, inductive_sets, settled
 from deshybrid.continuous.lmi import InequalityCertificate
 from deshybrid.continuous.mismatch import Mismatch, mismatches, missing_bounds
 from deshybrid.continuous.modes import ModalBasis, modal_basis
-from deshybrid.continuous.reach import Levels, entry_sets, highest
+from deshybrid.continuous.reach import Levels, entry_sets, highest, outer_set, seen_exits
 from deshybrid.continuous.responses import Flow
 from deshybrid.continuous.search import needed_dwell, reset_norm
 from deshybrid.linear.arrays import FloatArray, frozen_array
@@ -93,9 +94,10 @@ def ultimate_bound(
     0.43
     """
     certificate = certify_dwell(system, gains, rate=rate, dwell=dwell, delay=delay)
+    terms = certificate.rate, certificate.dwell, delay
     missing = missing_bounds(system, gains.locations, delay)
     if missing:
-        return _bound(certificate, None, missing)
+        return bound_of(terms, None, missing)
     dynamics = error_dynamics(system, gains.gains)
     bases = {name: modal_basis(dynamics.matrices[name], certificate.scale, step=dynamics.step) for name in gains.gains}
     beta, longest = certificate.dwell - delay, certificate.dwell
@@ -108,25 +110,34 @@ def ultimate_bound(
     elif forms is not None and forms.holds and forms.plain is not None:
         start = "forms that decrease from entry to entry"
         known = entry_ellipsoids(dynamics, forms.plain.P, forms.plain.ends, stays, dict.fromkeys(stays, beta))
+    if known is None and forms is not None and forms.holds:
+        start = "sets that no switch leads out of, next to a certificate by forms"
+        known = _by_induction(system, gains, stays, beta)
     if known is None:
-        return _bound(certificate, None, f"(20) does not hold: {certificate.reason}")
-    noise = "" if system.bounds.measurement is not None else ", measurements taken as exact (no bound stated)"
+        return bound_of(terms, None, f"(20) does not hold: {certificate.reason}")
     by_state, sets = _reachable(system, gains, stays, known, beta)
-    return _bound(certificate, by_state, f"{start}, tightened by reachable sets{noise}", sets)
+    return bound_of(terms, by_state, f"{start}, tightened by reachable sets{noise_words(system)}", sets)
 
 
-def _bound(
-    certificate: DwellTimeCertificate,
+def noise_words(system: HybridSystem) -> str:
+    """Return what has to be said where no bound of the measurements is stated."""
+    return "" if system.bounds.measurement is not None else ", measurements taken as exact (no bound stated)"
+
+
+def bound_of(
+    terms: tuple[float, float, float],
     by_state: FloatArray | None,
     reason: str,
     sets: UltimateCertificate | None = None,
 ) -> UltimateBound:
+    """Return the bound for a rate (1/s), a dwell time and a delay (s), its norm rounded up."""
+    rate, dwell, delay = terms
     return UltimateBound(
         value=None if by_state is None else float(np.linalg.norm(by_state)) * (1 + ROUNDING),
         by_state=None if by_state is None else frozen_array(by_state, by_state.shape),
-        rate=certificate.rate,
-        dwell=certificate.dwell,
-        delay=certificate.delay,
+        rate=rate,
+        dwell=dwell,
+        delay=delay,
         reason=reason,
         certificate=sets,
     )
@@ -163,18 +174,34 @@ def _stays(
 
 def _forced(system: HybridSystem, gains: ObserverGains, name: str, basis: ModalBasis) -> FloatArray:
     """g_j = N_j W_j in the states' units."""
-    drive = np.abs(_drive(system, gains, name)).sum(axis=1)
+    drive = np.abs(drive_of(system, gains, name)).sum(axis=1)
     return np.asarray(impulse_norm(basis.eigenvalues, basis.basis, step=system.time_step) @ drive)
 
 
-def _drive(system: HybridSystem, gains: ObserverGains, name: str) -> FloatArray:
-    """[E_j w̄, G_j v̄]: disturbance and noise as they enter, a column for each signal between -1 and 1."""
+def drive_of(system: HybridSystem, gains: ObserverGains, name: str) -> FloatArray:
+    """Return [E_j w̄, G_j v̄]: disturbance and noise as they enter, a column for each signal between -1 and 1."""
     parts = [np.zeros((len(system.state_names), 0))]
     if system.bounds.disturbance is not None:
         parts.append(dynamics_of(system, name).E * system.bounds.disturbance)
     if system.bounds.measurement is not None:
         parts.append(gains.gains[name] * system.bounds.measurement[list(system.location(name).output_index)])
     return np.hstack(parts)
+
+
+def _flows(system: HybridSystem, gains: ObserverGains, stays: Mapping[str, Stay]) -> dict[str, Flow]:
+    return {n: Flow(stay.modes, drive_of(system, gains, n), system.time_step) for n, stay in stays.items()}
+
+
+def _by_induction(
+    system: HybridSystem, gains: ObserverGains, stays: Mapping[str, Stay], beta: float
+) -> Mapping[str, Levels] | None:
+    """Sets that grew from what one stay adds until no switch led out of them: they hold all errors from zero."""
+    size = np.max([stay.forced + kick for stay in stays.values() for kick, _ in map(Mismatch.most, stay.exits)], axis=0)
+    size = np.where(size > 0, size, max(float(size.max()), 1.0) * FLAT)
+    exits = {name: stay.exits for name, stay in stays.items()}
+    first = {name: outer_set(np.diag(size), lambda rows: np.asarray(np.abs(rows) @ size)) for name in stays}
+    found = settled(_flows(system, gains, stays), exits, first, beta)
+    return None if found is None else {name: outer.support for name, outer in found.items()}
 
 
 def _reachable(
@@ -184,9 +211,9 @@ def _reachable(
     states = np.eye(len(system.state_names))
     if not any(levels(states).any() for levels in known.values()):
         return np.zeros(len(states)), None
-    flows = {n: Flow(stay.modes, _drive(system, gains, n), system.time_step) for n, stay in stays.items()}
+    flows = _flows(system, gains, stays)
     exits = {name: stay.exits for name, stay in stays.items()}
-    sets = entry_sets(flows, exits, known, dict.fromkeys(flows, beta))
+    sets = entry_sets(lambda s: seen_exits(flows, exits, s, dict.fromkeys(flows, beta)), known, len(states))
     if all(exit.delayed is None for leaving in exits.values() for exit in leaving):
         proved = inductive_sets(flows, exits, sets, beta)
         if proved is not None:
@@ -221,4 +248,4 @@ def _in_norm(
     return np.asarray(np.max(peaks, axis=0))
 
 
-__all__ = ["UltimateBound", "ultimate_bound"]
+__all__ = ["UltimateBound", "bound_of", "drive_of", "noise_words", "ultimate_bound"]
