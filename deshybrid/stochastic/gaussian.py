@@ -4,7 +4,7 @@ In: means (..., n) and covariances (..., n, n), and matrices with the same leadi
 the others.  Out: new arrays.  Covariances are symmetric to the last bit: the prediction is made so (else its
 antisymmetric part grows as F Δ Fᵀ without end), the update P - Wᵀ W, W = L⁻¹ H P with S = L Lᵀ, is so by itself.
 Likelihoods are logarithms, so that a measurement far out is a large negative number and nothing more.  A channel that
-is NaN is left out: its row of H and its residual are zero and its variance is 1, which changes neither the gain nor
+is NaN is left out: its residual and its covariances are zero and its variance is 1, which changes neither the gain nor
 the likelihood of the others.
 
 O(n³ + p³) for each Gaussian.  Source: Bar-Shalom, Li and Kirubarajan (2001), chapter 5; Hwang et al. (2006), section 3.
@@ -86,14 +86,24 @@ def update(x: FloatArray, P: FloatArray, residual: FloatArray, H: FloatArray, R:
     >>> update(np.array([0.0]), np.eye(1), np.array([2.0]), np.eye(1), np.eye(1)).x.round(12).tolist()
     [1.0]
     """
-    H, R, residual, count = _without_missing(residual, H, R)
-    transposed = H.swapaxes(-1, -2)
     HP = product(H, P)
-    S = product(HP, transposed) + R
+    return condition(x, P, residual, HP, product(HP, H.swapaxes(-1, -2)) + R)
+
+
+def condition(x: FloatArray, P: FloatArray, residual: FloatArray, cross: FloatArray, S: FloatArray) -> Correction:
+    """Return a Gaussian given a residual (..., p), its covariance with x, `cross` (..., p, n), and its own, S.
+
+    Raises as `update`, which is this with cross = H P.
+
+    >>> one = np.eye(1)
+    >>> condition(np.array([0.0]), one, np.array([2.0]), one, 2 * one).x.round(12).tolist()
+    [1.0]
+    """
+    residual, cross, S, count = _without_missing(residual, cross, S)
     with np.errstate(invalid="ignore", divide="ignore"):
         L = cholesky(S)
-    _require_factor(S, L)
-    white = solve_lower(L, np.concatenate([HP, residual[..., None]], axis=-1))
+    require_factor(S, L)
+    white = solve_lower(L, np.concatenate([cross, residual[..., None]], axis=-1))
     W, e = white[..., :-1], white[..., -1]
     moved = product(W.swapaxes(-1, -2), white)  # of P and of x
     log_size = np.log(np.diagonal(L, axis1=-2, axis2=-1)).sum(axis=-1)
@@ -102,25 +112,29 @@ def update(x: FloatArray, P: FloatArray, residual: FloatArray, H: FloatArray, R:
     return Correction(x + moved[..., -1], P - moved[..., :-1], residual, S, L, W, distance, log_likelihood)
 
 
-def _require_factor(S: FloatArray, L: FloatArray) -> None:
+def require_factor(S: FloatArray, L: FloatArray) -> None:
+    """Raise `UsageError` where the factor L of a covariance S is not finite: DH1105, or DH1108 where S is not, either.
+
+    >>> require_factor(np.eye(1), np.eye(1))
+    """
     if np.isfinite(L).all():
         return
     if not np.isfinite(S).all():
         raise overflow()
-    text = "the covariance of a residual is not positive definite, so that no measurement has a likelihood"
+    text = "a covariance is not positive definite, so that no measurement has a likelihood"
     helps = ("give every output a measurement noise above zero",)
     raise UsageError(diagnostic("DH1105", text, helps=helps))
 
 
 def _without_missing(
-    residual: FloatArray, H: FloatArray, R: FloatArray
+    residual: FloatArray, cross: FloatArray, S: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.intp] | int]:
     seen = ~np.isnan(residual)
     if seen.all():
-        return H, R, residual, residual.shape[-1]
+        return residual, cross, S, residual.shape[-1]
     both = seen[..., :, None] & seen[..., None, :]
-    R = np.where(both, R, np.eye(residual.shape[-1]))
-    return np.where(seen[..., None], H, 0.0), R, np.where(seen, residual, 0.0), seen.sum(axis=-1)
+    S = np.where(both, S, np.eye(residual.shape[-1]))
+    return np.where(seen, residual, 0.0), np.where(seen[..., None], cross, 0.0), S, seen.sum(axis=-1)
 
 
-__all__ = ["Correction", "overflow", "predict", "squared_norm", "update"]
+__all__ = ["Correction", "condition", "overflow", "predict", "require_factor", "squared_norm", "update"]
