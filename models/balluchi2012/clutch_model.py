@@ -55,6 +55,7 @@ time: continuous
 state: {alpha: rad, omega_e: rad/s, omega_p: rad/s, omega_w: rad/s, c: N m}
 input: {T_e: N m, clutch: N m}
 output: {omega_e: rad/s, omega_w: rad/s}
+commands: {lever: [1, 2, 3, 4, 5, R, N]}   # for observers that are told; it moves when a gear is asked for
 disturbance: {T_w: N m, T_p: N m}     # at the wheels: slope, air, brakes; error of the mean of T_e
 defaults:
   C: [[0, 1, 0, 0, 0], [0, 0, 0, 1, 0]]
@@ -98,6 +99,7 @@ def transitions(gear: str) -> list[str]:
     holds = f"-static*c <= {through} <= static*c"
     common = "[0, j_e/j, j_p/j, 0, 0]"
     lock = f"{{matrix: [[1, 0, 0, 0, 0], {common}, {common}, [0, 0, 0, 1, 0], [0, 0, 0, 0, 1]]}}"
+    when = f"when: {{lever: {gear}}}"
     meshed = f"{{matrix: [[0, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, 0, 0, 1/{tau}, 0], [0, 0, 0, 1, 0], [0, 0, 0, 0, 1]]}}"
     lines = []
     for slip, relation in ((1, "<="), (-1, ">=")):
@@ -112,10 +114,10 @@ def transitions(gear: str) -> list[str]:
         f'  - {{from: {name(gear, 0)}, to: {name(gear, 1)}, event: break, guard: "{through} > static*c"}}',
         f'  - {{from: {name(gear, 0)}, to: {name(gear, -1)}, event: break, guard: "{through} < -static*c"}}',
         f'  - {{from: open, to: {name(gear, 1)}, event: in_{gear}, guard: "omega_e - omega_w/{tau} >= 0 & c <= 2", '
-        f"reset: {meshed}}}",
+        f"{when}, reset: {meshed}}}",
         f'  - {{from: open, to: {name(gear, -1)}, event: in_{gear}, guard: "omega_e - omega_w/{tau} < 0 & c <= 2", '
-        f"reset: {meshed}}}",
-        f'  - {{from: rest, to: {name(gear, 1)}, event: in_{gear}, guard: "c <= 2", reset: {meshed}}}',
+        f"{when}, reset: {meshed}}}",
+        f'  - {{from: rest, to: {name(gear, 1)}, event: in_{gear}, guard: "c <= 2", {when}, reset: {meshed}}}',
     ]
     return lines
 

@@ -16,6 +16,7 @@ from deshybrid.simulate.campaign_drives import vary
 from deshybrid.simulate.campaign_executor import Here
 from deshybrid.simulate.execution import simulate
 from deshybrid.simulate.observed import as_observed
+from deshybrid.simulate.replay import replay
 
 MODELS = Path(__file__).parents[2] / "models" / "balluchi2012"
 J_E, J_P, B_E, STATIC, FINAL = 0.235, 0.015, 0.05, 1.15, 3.74
@@ -162,3 +163,14 @@ def test_the_pace_of_a_drive_stretches_all_its_times_alike(plant):
         times = [time for time, _ in paced.input[name].points]
         np.testing.assert_allclose(times, [time * factor for time, _ in plant.simulation.input[name].points])
     assert all(before <= after for (before, _), (after, _) in pairwise(paced.requests))
+
+
+def test_an_observer_that_is_told_the_lever_names_no_gear_in_which_it_is_not(plant):
+    made = dh.compile(MODELS / "driveline_lever.yaml")
+    trace = as_observed(simulate(plant, seed=2, duration=12, step=0.012).trace, made.observer.system)
+    assert set(trace.commands) == {("1",), ("2",), ("3",)}
+    named, window = replay(made.observer, trace).location, made.observer.tables.window_ticks
+    entered = [k for k in range(1, len(trace)) if named[k] not in (named[k - 1], None, "qN")]
+    assert len(entered) >= 2
+    for k in entered:
+        assert named[k] in {f"q{lever}" for (lever,) in trace.commands[max(k - window, 0) : k + 1]}
