@@ -1,4 +1,4 @@
-"""How residuals become decisions: the paper's relays, or exclusion of every alternative.
+"""How residuals become decisions: the paper's relays, exclusion of every alternative, or tests of the residuals.
 
 - `relay`: a location is named when its relay is on and those of the alternatives are off.  A small residual is taken
   for a proof, which it is not: free states that nothing measures can take up the difference.
@@ -12,15 +12,29 @@ at t.  Its residual is within its bound from t_c + H on, so t < t_c + H.  Before
 (or in the location that is named, which is then named late); it had been there for a dwell time D >= H, so c' was not
 excluded at the last sample before t_c, which is one of the last H: a contradiction.  At the start H is waited for.
 
+- `sprt`, `glr`: tests of a white residual (`innovation`, `sequential`) deny and accept a location in place of its
+  relay; names are given as by exclusion, with H the time after which what the transient of an entry adds to the mean of
+  the residual is half its deviation.  Only locations of the plan are judged, so that a location without a
+  generator is never an obstacle, and never excluded: names are right as a rule, not for certain.
+
 In: a hybrid system and the parts of its detector.  Out: a `DecisionDesign`.  Cost: that of `levels.settling`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from deshybrid.detector.levels import Part, settling
+import numpy as np
+
+from deshybrid.detector.levels import Part, settling, worst_mismatch
+from deshybrid.detector.sequential import wald_test, whitening_of, window_limits, window_samples
+from deshybrid.detector.thresholds import settling_ticks
 from deshybrid.diagnostics import UsageError, diagnostic
+from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.system import Decision, HybridSystem
+
+TESTS: tuple[Decision, ...] = ("sprt", "glr")
+FALSE_ALARM = 1e-5  # 1/s: about one a day
+NEGLIGIBLE = 0.5  # of the residual's deviation
 
 
 class DecisionWish(NamedTuple):
@@ -33,11 +47,24 @@ class DecisionWish(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DecisionDesign:
-    """How a detector decides; `exclude_ticks` is H in samples, 0 for the relay."""
+    """How a detector decides; `exclude_ticks` is H in samples, 0 for the relay.
+
+    For the tests: `false_alarm` in 1/s per generator, `whitening` (q, q) by generator; `test`, by generator: slope,
+    offset, lower and upper level of `sprt`; `limits` of `glr`, one for each number of samples.
+    """
 
     kind: Decision
     reason: str
     exclude_ticks: int = 0
+    false_alarm: float = 0.0
+    whitening: tuple[FloatArray, ...] = ()
+    test: tuple[tuple[float, float, float, float], ...] = ()
+    limits: FloatArray | None = None
+
+    @property
+    def is_test(self) -> bool:
+        """Whether residuals are tested, so that they have to be white."""
+        return self.kind in TESTS
 
 
 def wanted_decision(system: HybridSystem) -> DecisionWish:
@@ -96,13 +123,14 @@ def design_decision(
     """
     if wish.kind == "relay" or not parts:
         return DecisionDesign("relay", wish.reason)
+    if wish.kind in TESTS:
+        return _test(system, wish, parts)
     lasting = [settling(system, part) for part in parts]
     endless = [part.generator.location.name for part, ticks in zip(parts, lasting, strict=True) if ticks is None]
     if endless:
         why = f"nothing bounds how long the residual of `{endless[0]}` takes to settle"
         if wish.stated:
-            helps = ("state all `bounds`, and thresholds above the residual that they allow",)
-            raise UsageError(diagnostic("DH0614", f"the detector cannot decide by exclusion: {why}", helps=helps))
+            raise _impossible(wish.kind, why)
         return DecisionDesign("relay", f"{why}, so no location can be excluded")
     ticks = max((0 if last is None else last) + part.on_ticks for part, last in zip(parts, lasting, strict=True))
     seconds = ticks * parts[0].generator.step
@@ -111,4 +139,40 @@ def design_decision(
     return DecisionDesign("exclusion", f"{wish.reason}; sound where every stay lasts at least {seconds:.3g} s", ticks)
 
 
-__all__ = ["DecisionDesign", "DecisionWish", "design_decision", "judged_locations", "wanted_decision"]
+def _impossible(kind: Decision, why: str) -> UsageError:
+    helps = ("state all `bounds`, and thresholds above the residual that they allow",)
+    return UsageError(diagnostic("DH0614", f"the detector cannot decide by {kind}: {why}", helps=helps))
+
+
+def _test(system: HybridSystem, wish: DecisionWish, parts: tuple[Part, ...]) -> DecisionDesign:
+    """The numbers of a test; its window is that of the slowest generator."""
+    stated, step = system.observer.detector.false_alarm, parts[0].generator.step
+    rate = FALSE_ALARM if stated is None else stated
+    whitening = tuple(whitening_of(part.covariance) for part in parts)
+    counts = [len(matrix) for matrix in whitening]
+    samples = window_samples(max(part.generator.time_constant for part in parts), step) if wish.kind == "glr" else 0
+    judged = zip(parts, whitening, strict=True)
+    ticks = max(_fading(system, part, white, wish.kind) + part.on_ticks for part, white in judged)
+    return DecisionDesign(
+        wish.kind,
+        f"{wish.reason}; at most {rate:g} false alarms a second and generator, if the noise is white and Gaussian",
+        ticks + samples,
+        rate,
+        whitening,
+        tuple(wald_test(count, false_alarm=rate, step=step) for count in counts) if wish.kind == "sprt" else (),
+        window_limits(samples, max(counts), false_alarm=rate, step=step) if wish.kind == "glr" else None,
+    )
+
+
+def _fading(system: HybridSystem, part: Part, whitening: FloatArray, kind: Decision) -> int:
+    """Samples until the worst mismatch shifts the white residual by half its deviation at most."""
+    mismatch, generator = worst_mismatch(system, part.generator), part.generator
+    white = replace(generator, H=whitening @ generator.H)
+    ticks = None if mismatch is None else settling_ticks(white, mismatch, np.full(len(whitening), NEGLIGIBLE))
+    if ticks is None:
+        why = f"nothing bounds how long the residual of `{generator.location.name}` takes to settle"
+        raise _impossible(kind, why)
+    return ticks
+
+
+__all__ = ["TESTS", "DecisionDesign", "DecisionWish", "design_decision", "judged_locations", "wanted_decision"]

@@ -91,6 +91,9 @@ def _delay(
     if signature.by == "negation":
         reason = "a negation appears when the other residuals become large; nothing bounds that time at x = 0, u = 0"
         return DetectionDelay(None, reason, excitation if rivals else "")
+    if decision.is_test:
+        reason = "a test of the residual accepts after a random number of samples, which has no bound"
+        return DetectionDelay(None, reason, excitation if rivals else "")
     part = parts[signature.location]
     generator, on_ticks = part.generator, part.on_ticks
     if system.bounds.state is None or largest_state(system, generator) is None:
@@ -113,16 +116,19 @@ def _rivals(plan: SignaturePlan, signature: Signature, generators: tuple[str, ..
 
 
 def _nominal_delay(system: HybridSystem, part: Part) -> float:
-    generator, threshold, on_ticks = part
+    generator, threshold, on_ticks, _ = part
     ratio = float(np.max(NOMINAL_TRANSIENT * full_scale(system, generator) / threshold.level))
     time_constants = max(LEAST_TIME_CONSTANTS, math.log(max(ratio, 1.0)))
     return time_constants * generator.time_constant + on_ticks * generator.step
 
 
 def waiting_window(
-    system: HybridSystem, delays: Mapping[str, DetectionDelay], parts: Mapping[str, Part], least: float
+    system: HybridSystem, delays: Mapping[str, DetectionDelay], parts: Mapping[str, Part], decision: DecisionDesign
 ) -> tuple[float, str]:
-    """Return the window Δ in seconds and where it comes from; it is no shorter than `least`, the time of exclusion."""
+    """Return the window Δ in seconds and where it comes from; it is no shorter than the time of exclusion."""
+    least = max((decision.exclude_ticks * part.generator.step for part in parts.values()), default=0.0)
+    if decision.is_test and system.observer.detector.window is None:
+        return least, "the time in which the transient of an entry fades"
     window, reason = _stated_or_derived(system, delays, parts)
     if window >= least:
         return window, reason

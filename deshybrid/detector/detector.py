@@ -3,7 +3,8 @@
 In: a hybrid system, the `SignaturePlan` that says which locations need a residual generator, a rate and a step.
 Out: a `TransitionDetector` whose every number is either the model's or derived here, with the reason kept.
 
-- Poles: the model's, else the default ones (`residual`), made faster until the guaranteed delay is half the dwell time.
+- Poles for relays and exclusion: the model's, else the default ones (`residual`), made faster until the guaranteed
+  delay is half the dwell time.  Tests need white residuals (`innovation`).
 - Levels and debounce of a generator: `levels`.  Release: 1.5 times the threshold; 1 for exclusion, whose threshold is
   above what the bounds allow already.
 - How residuals become decisions: `decision`.  How long that takes: `delays`.
@@ -17,11 +18,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from deshybrid.des.signatures import SignaturePlan
-from deshybrid.detector.decision import DecisionDesign, design_decision, judged_locations, wanted_decision
+from deshybrid.detector.decision import TESTS, DecisionDesign, design_decision, judged_locations, wanted_decision
 from deshybrid.detector.delays import DetectionDelay, delay_warnings, detection_delays, waiting_window
 from deshybrid.detector.designs import design_generator
-from deshybrid.detector.levels import DetectionThreshold, Part, build_part, settling
-from deshybrid.detector.residual import ResidualGenerator
+from deshybrid.detector.held_back import held_back
+from deshybrid.detector.levels import DetectionThreshold, Part, build_part, settling, white_part
+from deshybrid.detector.residual import ResidualGenerator, build_generator
 from deshybrid.diagnostics import Diagnostic, GainError, UsageError, diagnostic, raise_all
 from deshybrid.model.system import Decision, HybridSystem, Location
 
@@ -126,7 +128,12 @@ def _parts(
     parts = []
     for name in () if problems else judged_locations(system, plan.generators, kind):
         try:
-            parts.append(_fast_enough(system, system.location(name), rate=rate, dwell=dwell, step=step))
+            location = system.location(name)
+            if kind in TESTS:
+                first = build_generator(system, location, rate=rate, dwell=dwell, step=step)
+                parts.append(white_part(system, held_back(system, first)))
+            else:
+                parts.append(_fast_enough(system, location, rate=rate, dwell=dwell, step=step))
         except (UsageError, GainError) as error:
             problems += error.diagnostics
     raise_all(problems, UsageError)
@@ -164,7 +171,7 @@ def _assembled(
 ) -> TransitionDetector:
     by_name = {part.generator.location.name: part for part in parts}
     delays = detection_delays(system, plan, by_name, decision)
-    window, reason = waiting_window(system, delays, by_name, decision.exclude_ticks * step)
+    window, reason = waiting_window(system, delays, by_name, decision)
     release = system.observer.detector.release
     return TransitionDetector(
         system=system,

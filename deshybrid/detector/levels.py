@@ -16,6 +16,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from deshybrid.detector.innovation import white_generator
 from deshybrid.detector.residual import ResidualGenerator
 from deshybrid.detector.thresholds import floor, largest_state, settling_ticks, steady_bound
 from deshybrid.diagnostics import UsageError, diagnostic
@@ -42,18 +43,33 @@ class DetectionThreshold:
 
 
 class Part(NamedTuple):
-    """One generator of a detector with its levels; `on_ticks`: samples for which the relay is on before it counts."""
+    """One generator of a detector with its levels.
+
+    `on_ticks`: samples for which the relay is on before it counts; `covariance` (q, q) of the residual, (0, 0) where it
+    is not white.
+    """
 
     generator: ResidualGenerator
     threshold: DetectionThreshold
     on_ticks: int
+    covariance: FloatArray
 
 
 def build_part(system: HybridSystem, generator: ResidualGenerator) -> Part:
     """Return a generator with its levels.  Raises `UsageError` (DH0604) where the stated ones make no sense."""
     _require_threshold(system, generator)
     ticks = _on_ticks(system.observer.detector.debounce, generator)
-    return Part(generator, _threshold(system, generator), ticks)
+    return Part(generator, _threshold(system, generator), ticks, np.zeros((0, 0)))
+
+
+def white_part(system: HybridSystem, generator: ResidualGenerator) -> Part:
+    """Return a generator whose residual is made white, to be tested; a test needs no debounce where none is stated.
+
+    Raises `UsageError` (DH0614) where the model states no noise.
+    """
+    made, covariance = white_generator(system, generator)
+    stated = system.observer.detector.debounce
+    return Part(made, _threshold(system, made), 1 if stated is None else _on_ticks(stated, made), covariance)
 
 
 def settling(system: HybridSystem, part: Part) -> int | None:
@@ -61,12 +77,18 @@ def settling(system: HybridSystem, part: Part) -> int | None:
 
     None where the bounds are missing or the threshold is not above what they allow.
     """
-    generator, threshold, _ = part
+    mismatch = worst_mismatch(system, part.generator)
+    if mismatch is None:
+        return None
+    return settling_ticks(part.generator, mismatch, part.threshold.level - part.threshold.steady)
+
+
+def worst_mismatch(system: HybridSystem, generator: ResidualGenerator) -> FloatArray | None:
+    """Return a bound on |z - T x| (k,) at the entry of the location, whenever that is; None without bounds."""
     largest = largest_state(system, generator)
     if largest is None or system.bounds.state is None:
         return None
-    mismatch = largest + np.abs(generator.T) @ system.bounds.state
-    return settling_ticks(generator, mismatch, threshold.level - threshold.steady)
+    return np.asarray(largest + np.abs(generator.T) @ system.bounds.state)
 
 
 def _require_threshold(system: HybridSystem, generator: ResidualGenerator) -> None:
@@ -102,4 +124,4 @@ def _on_ticks(debounce: float | None, generator: ResidualGenerator) -> int:
     return max(2, math.ceil(generator.time_constant / generator.step - 1e-9))
 
 
-__all__ = ["DetectionThreshold", "Part", "build_part", "settling"]
+__all__ = ["DetectionThreshold", "Part", "build_part", "settling", "white_part", "worst_mismatch"]

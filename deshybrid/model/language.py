@@ -163,9 +163,10 @@ DETECTOR = Record(
         Key("debounce", _NOT_NEGATIVE, "how long a residual must stay low, in seconds"),
         Key(
             "decision",
-            Word(("relay", "exclusion")),
+            Word(("relay", "exclusion", "sprt", "glr")),
             "how residuals become decisions; where not written, exclusion if the bounds make it possible",
         ),
+        Key("false_alarm", _POSITIVE, "false alarms that a test may give in a second for each generator, 1/s"),
         Key("window", _POSITIVE, "how long a signature is waited for after an output, in seconds"),
         Key(
             "design",

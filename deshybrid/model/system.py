@@ -131,7 +131,7 @@ class DetectorOptions:
 
     `decision`: how residuals become decisions.  `poles` (rad/s) per location; `threshold`: the residual level, in
     output units per channel, below which a location counts as matching; `release`: factor >= 1 from the lower to the
-    upper relay level; `debounce`, `window`: seconds.
+    upper relay level; `debounce`, `window`: seconds; `false_alarm`: 1/s.
     `design`: how residual generators are made; `decouple`: the disturbances that they must not see (None: as many as
     can be), for the design `unknown_input`; `delay`: seconds by which each output of the system is measured late, (p,).
     """
@@ -145,6 +145,7 @@ class DetectorOptions:
     design: GeneratorDesign = "luenberger"
     decouple: tuple[str, ...] | None = None
     delay: FloatArray | None = None
+    false_alarm: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

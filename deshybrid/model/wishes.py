@@ -123,6 +123,7 @@ def _detector(
         _DESIGNS.get(written.text("design"), "luenberger"),
         None if written.get("decouple") is None else tuple(item.text or "" for item in written.items("decouple")),
         per_channel(written.get("delay"), channels.outputs, "the delay", problems),
+        written.number("false_alarm"),
     )
 
 

@@ -147,14 +147,22 @@ def _placed(part: FloatArray, shape: tuple[int, int], rows: Sequence[int], colum
     return whole
 
 
-def fill_decision(detector: TransitionDetector | None) -> DecisionTables:
+def fill_decision(system: HybridSystem, detector: TransitionDetector | None) -> DecisionTables:
     """Return the constants of a detector's decision; those of the relay where there is none."""
     if detector is None or detector.decision.kind == "relay":
         return DecisionTables()
+    design, p = detector.decision, len(system.output_names)
+    whitening = np.zeros((len(detector.generators), p, p))
+    for g, (generator, white) in enumerate(zip(detector.generators, design.whitening, strict=False)):
+        rows = [generator.location.output_index[channel] for channel in generator.channels]
+        whitening[g] = _placed(white, (p, p), rows, rows)
     return DecisionTables(
-        kind=detector.decision.kind,
-        exclude_ticks=detector.decision.exclude_ticks,
+        kind=design.kind,
+        exclude_ticks=design.exclude_ticks,
         patience_ticks=detector.window_ticks + 1,
+        whitening=frozen_array(whitening, whitening.shape),
+        test=frozen_array(np.array(design.test).reshape((len(design.test), 4)), (len(design.test), 4)),
+        limits=np.zeros(0) if design.limits is None else design.limits,
     )
 
 

@@ -239,7 +239,7 @@ def _tables(
         online=tracker.online,
         commands=tuple((command.name, command.values) for command in system.commands),
         command_slack=0 if system.is_discrete else 1,
-        decision=fill_decision(detector),
+        decision=fill_decision(system, detector),
     )
 
 

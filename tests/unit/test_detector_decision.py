@@ -98,3 +98,39 @@ def test_every_location_has_its_generator_in_the_tables_of_the_step() -> None:
             reached = set(tables.tracker[candidate.target].entry_estimate)
             assert {tables.generators.locations[g] for g in candidate.quiet}.isdisjoint(reached)
             assert len(candidate.quiet) >= 1
+
+
+@pytest.mark.parametrize("kind", ["sprt", "glr"])
+def test_a_test_judges_the_locations_of_the_plan_with_white_residuals(kind: str) -> None:
+    detector = detector_of(f"decision: {kind}, false_alarm: 1e-3")
+    design = detector.decision
+    assert [part.location.name for part in detector.generators] == list(detector.plan.generators)
+    assert (design.kind, design.false_alarm) == (kind, 1e-3)
+    assert all(matrix.shape == (1, 1) for matrix in design.whitening)
+    assert (len(design.test), design.limits is None) == ((2, True) if kind == "sprt" else (0, False))
+    assert set(detector.detection_delay.values()) == {None}
+    assert detector.window_ticks == design.exclude_ticks
+
+
+def test_a_rarer_false_alarm_asks_for_higher_limits() -> None:
+    often, seldom = (detector_of(f"decision: glr, false_alarm: {rate}").decision.limits for rate in (1e-2, 1e-6))
+    assert often is not None
+    assert seldom is not None
+    assert (often < seldom).all()
+
+
+@pytest.mark.parametrize("missing", ["state: 5, ", ", measurement: 0.01"])
+def test_a_test_that_the_bounds_do_not_allow_is_refused(missing: str) -> None:
+    with pytest.raises(UsageError, match="DH0614"):
+        detector_of("decision: glr", text=MODEL.replace(missing, ""))
+
+
+@pytest.mark.parametrize("kind", ["sprt", "glr"])
+def test_tables_of_a_test_hold_its_numbers(kind: str) -> None:
+    detector = detector_of(f"decision: {kind}")
+    decision = build_observer(detector.system, detector.plan, detector, None, step=STEP).tables.decision
+    assert decision.kind == kind
+    assert decision.whitening.shape == (2, 1, 1)
+    for matrix, design in zip(decision.whitening, detector.decision.whitening, strict=True):
+        assert np.array_equal(matrix, design)
+    assert decision.patience_ticks > decision.exclude_ticks

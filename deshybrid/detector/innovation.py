@@ -1,0 +1,82 @@
+"""Residual generators for statistical tests: stationary Kalman predictors, whose residuals are white.
+
+The noise model.  Measurement errors are white: with the covariance `noise: measurement`, else uniform within the bound
+on the measurement, independent from sample to sample and channel to channel, which has the variance bound²/3.
+Disturbances are white too: `noise: process`, else held over each step and uniform within the bound.  A disturbance that
+keeps its sign is not white; its share of the residual is a shift of the mean, which a test takes for a change of
+location if it is large.
+
+With P from the Riccati equation P = A P Aᵀ + Q - K S Kᵀ, S = C P Cᵀ + V, K = A P Cᵀ S⁻¹, the residual of the own
+location is white with covariance S once the transient is over.
+
+In: a residual generator of observer form.  Out: the same with the Kalman gain, and S.  Cost: one Riccati equation.
+Source: Anderson and Moore, Optimal Filtering, section 4.4; Willsky and Jones (1976).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from deshybrid.detector.residual import ResidualGenerator, sampled_dynamics
+from deshybrid.diagnostics import UsageError, diagnostic
+from deshybrid.linear.arrays import FloatArray, frozen_array
+from deshybrid.model.system import HybridSystem, Location
+
+REGULAR = 1e-9  # share of the measurement's variance that the state is driven by at least, so that P is unique
+
+
+def white_generator(system: HybridSystem, generator: ResidualGenerator) -> tuple[ResidualGenerator, FloatArray]:
+    """Return the generator with the gain that makes its residual white, and the residual's covariance S (q, q).
+
+    Raises `UsageError` (DH0614) where the model states no measurement noise, or a singular one.
+    """
+    from scipy.linalg import solve_discrete_are
+
+    location, C = generator.location, generator.H
+    A = generator.F + generator.gain @ C
+    V = _measurement_covariance(system, location)
+    drive = REGULAR * float(np.trace(V)) / len(V) * np.eye(len(A))
+    Q = generator.T @ _process_covariance(system, generator) @ generator.T.T + drive
+    P = solve_discrete_are(A.T, C.T, Q, V)
+    S = C @ P @ C.T + V
+    gain = np.linalg.solve(S, C @ P @ A.T).T
+    F, k = A - gain @ C, len(A)
+    sizes = np.maximum(np.abs(np.linalg.eigvals(F)), np.finfo(np.float64).tiny)
+    change = gain - generator.gain
+    made = replace(
+        generator,
+        poles=tuple(complex(pole) for pole in np.log(sizes) / generator.step),
+        F=frozen_array(F, (k, k)),
+        input=frozen_array(generator.input - change @ generator.through, generator.input.shape),
+        gain=frozen_array(gain, generator.gain.shape),
+        offset=frozen_array(generator.offset - change @ generator.residual_offset, (k,)),
+    )
+    return made, frozen_array((S + S.T) / 2.0, S.shape)
+
+
+def _measurement_covariance(system: HybridSystem, location: Location) -> FloatArray:
+    covariance, bound = location.measurement_noise, system.bounds.measurement
+    if covariance is None and bound is not None:
+        covariance = np.diag(bound[list(location.output_index)] ** 2 / 3.0)
+    if covariance is None or not len(covariance) or np.linalg.eigvalsh(covariance)[0] <= 0.0:
+        text = f"a test of the residual of location `{location.name}` needs noise on every measurement"
+        helps = ("state `bounds: {measurement: …}` or `noise: {measurement: …}`",)
+        raise UsageError(diagnostic("DH0614", text, location.span, helps=helps))
+    return covariance
+
+
+def _process_covariance(system: HybridSystem, generator: ResidualGenerator) -> FloatArray:
+    """The covariance of what noise and disturbance do to the state in a step, (n, n)."""
+    from deshybrid.linear.sampling import sample_covariance
+
+    location, dynamics, bound = generator.location, generator.dynamics, system.bounds.disturbance
+    if location.process_noise is not None:
+        noise = location.process_noise
+        return noise if system.time_step is not None else sample_covariance(dynamics.A, noise, generator.step)
+    if bound is None:
+        return np.zeros_like(dynamics.A)
+    entering = sampled_dynamics(system, dynamics, generator.step).E
+    return np.asarray(entering @ np.diag(bound**2 / 3.0) @ entering.T)
+
+
+__all__ = ["white_generator"]
