@@ -23,13 +23,14 @@ from deshybrid.stochastic.belief import Belief, Posterior, log_probability, read
 from deshybrid.stochastic.gating import Flags, gate_limits
 from deshybrid.stochastic.lanes import behind, in_front, trials_last
 from deshybrid.stochastic.residual_mean import ResidualBelief, predict_rmimm, update_rmimm
+from deshybrid.stochastic.roots import RootBelief, predict_roots, update_roots
 from deshybrid.stochastic.switching import ModeNumbers
 from deshybrid.stochastic.system import StochasticSystem
 
 State = TypeVar("State")
 Step: TypeAlias = Callable[[State, FloatArray, FloatArray | None, FloatArray | None], tuple[State, Posterior]]
 UnknownModeMethod: TypeAlias = Literal["mmae", "imm", "rmimm"]
-Engine: TypeAlias = Literal["numpy", "numba"]
+Engine: TypeAlias = Literal["numpy", "numba", "roots"]
 _PREDICT: dict[str, Callable[[StochasticSystem, Belief, FloatArray | None], Belief]] = {
     "mmae": multiple.predict_mmae,
     "imm": multiple.predict_imm,
@@ -77,7 +78,8 @@ def estimate(
 
     A row that no mode expects with the probability `gate` is an outlier and counts as missing.  The engine `numba`
     (extra `numba`; `imm` and `mmae` without a gate) compiles for seconds when it is first used, and is several times as
-    fast for many trials or rows; results are those of `numpy` up to rounding.
+    fast for many trials or rows; results are those of `numpy` up to rounding.  The engine `roots` (`imm` only) works on
+    square roots of covariances, for those that spread over more than eight digits.
 
     Raises `UsageError`: DH1103 where the modes measure different outputs, DH1105, DH1107 where a shape does not fit,
     DH1108 where numbers overflow, DH1109 where numba is not installed or does not run this, DH1111 for a gate that is
@@ -90,6 +92,12 @@ def estimate(
     measured, inputs = _records(system, z, u)
     trials = measured.shape[:-2]
     seen = ~np.isnan(measured) & system.comparable_bank.measured[0]
+    limits = None if gate is None else gate_limits(measured.shape[-1], gate)
+    if engine == "roots":
+        if method != "imm":
+            raise UsageError(diagnostic("DH1109", "the engine `roots` runs `imm` only"))
+        rows = _rows(measured, inputs)
+        return _stacked(_run(RootBelief.prior(system, trials), _root_step(system, limits), rows), seen)
     if engine == "numba":
         if method == "rmimm" or gate is not None:
             raise UsageError(diagnostic("DH1109", "numba runs `imm` and `mmae`, without a gate"))
@@ -97,7 +105,6 @@ def estimate(
         if made is not None:
             return made
     rows = _rows(measured, inputs)
-    limits = None if gate is None else gate_limits(measured.shape[-1], gate)
     if method == "rmimm":
         return _stacked(_run(ResidualBelief.prior(system, trials), _residual_step(system, limits), rows), seen)
     return _stacked(_run(Belief.prior(system, trials), _step(system, method, limits), rows), seen)
@@ -142,6 +149,15 @@ def _residual_step(system: StochasticSystem, limits: FloatArray | None) -> Step[
         state: ResidualBelief, z: FloatArray, u_before: FloatArray | None, u: FloatArray | None
     ) -> tuple[ResidualBelief, Posterior]:
         return update_rmimm(system, predict_rmimm(system, state, u_before), z, u, limits=limits)
+
+    return step
+
+
+def _root_step(system: StochasticSystem, limits: FloatArray | None) -> Step[RootBelief]:
+    def step(
+        state: RootBelief, z: FloatArray, u_before: FloatArray | None, u: FloatArray | None
+    ) -> tuple[RootBelief, Posterior]:
+        return update_roots(system, predict_roots(system, state, u_before), z, u, limits=limits)
 
     return step
 
