@@ -20,7 +20,7 @@ from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import gaussian
 from deshybrid.stochastic.belief import Belief, Posterior, log_probability, log_sum
 from deshybrid.stochastic.gating import outliers
-from deshybrid.stochastic.lanes import times
+from deshybrid.stochastic.lanes import solve_lower, times
 from deshybrid.stochastic.multiple import expected, pushed, weighed
 from deshybrid.stochastic.system import StochasticSystem
 
@@ -61,8 +61,8 @@ def _root(covariance: FloatArray) -> FloatArray:
 
 def _triangle(columns: FloatArray) -> FloatArray:
     """Lower triangular L (..., n, n) with L Lᵀ = A Aᵀ of A (..., n, k), k >= n."""
-    factor: FloatArray = np.linalg.qr(columns.swapaxes(-1, -2), mode="r").swapaxes(-1, -2)
-    return factor
+    upper: FloatArray = np.asarray(np.linalg.qr(columns.swapaxes(-1, -2), mode="r"))
+    return upper.swapaxes(-1, -2)
 
 
 def predict_roots(system: StochasticSystem, belief: RootBelief, u: FloatArray | None = None) -> RootBelief:
@@ -145,7 +145,7 @@ def _corrected(belief: RootBelief, residual: FloatArray, H: FloatArray, R: Float
     covariance = S_y @ S_y.swapaxes(-1, -2)
     with np.errstate(divide="ignore", invalid="ignore"):
         gaussian.require_factor(covariance, np.where(sizes > 0.0, sizes, np.nan)[..., None])
-    e: FloatArray = np.linalg.solve(S_y, residual[..., None])[..., 0]
+    e = solve_lower(S_y, residual[..., None])[..., 0]
     x = belief.x + times(triangle[..., p:, :p], e)
     constant = 0.5 * _LOG_2PI * seen.sum(axis=-1)
     log_likelihood = -0.5 * (e * e).sum(axis=-1) - np.log(sizes).sum(axis=-1) - constant

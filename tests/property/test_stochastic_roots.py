@@ -55,7 +55,7 @@ def test_roots_keep_their_digits_where_covariances_lose_them():
         made = estimate(system, np.zeros((6, 1)), engine=engine).P[1:]
         errors[engine] = np.abs(made / exact - 1.0).max()
     assert errors["roots"] < 1e-4
-    assert errors["numpy"] > 1.0
+    assert errors["numpy"] > 0.5  # no digit of some variance is right
 
 
 @pytest.mark.parametrize("method", ["mmae", "rmimm"])
