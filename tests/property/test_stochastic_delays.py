@@ -155,6 +155,23 @@ def test_the_mean_run_is_the_filter_on_measurements_without_noise(method, seed):
     np.testing.assert_allclose(mean_run(system, modes, method).mu, estimate(system, z, u, method=method).mu, atol=1e-12)
 
 
+@given(seed=seeds)
+@settings(max_examples=10, deadline=None)
+def test_after_the_settled_rows_the_mean_run_of_mmae_is_the_recursion_of_the_steady_state_filters(seed):
+    rng = np.random.default_rng(seed)
+    drawn = random_stochastic_system(rng, plain=True)
+    modes = [Mode(m.name, F=0.8 * m.F, H=m.H, Q=m.Q, R=m.R, f=rng.standard_normal(len(m.f))) for m in drawn.modes]
+    system = StochasticSystem(modes, drawn.chain, x=drawn.x, P=drawn.P, mu=drawn.mu)
+    old, new, rows = 0, 1, 6
+    run, before = mean_run(system, switched(old, new, rows), "mmae"), SETTLED_ROWS - 1
+    for number, own in enumerate(filters_of(system)):
+        x = run.x[before, number]
+        residuals, errors = mean_recursion(mismatch(own, modes[new]), x, run.true[before] - x, rows)
+        scale = max(1.0, float(np.abs(residuals).max()))
+        np.testing.assert_allclose(run.residual[SETTLED_ROWS:, number], residuals, atol=1e-6 * scale)
+        np.testing.assert_allclose(run.true[SETTLED_ROWS:] - run.x[SETTLED_ROWS:, number], errors, atol=1e-6 * scale)
+
+
 @pytest.mark.parametrize("method", ["imm", "mmae"])
 @given(seed=seeds)
 @settings(max_examples=15, deadline=None)
