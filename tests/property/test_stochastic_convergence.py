@@ -223,6 +223,22 @@ def test_a_delay_that_adds_more_than_may_be_left_is_infeasible_at_any_stay():
     assert bound.modes[0].mismatch == pytest.approx(0.4)
 
 
+def test_what_a_delay_adds_is_root_n_times_the_mismatch_times_kappa_a_row():
+    """b = √n U Δ κ: an error of less may not be left, at any stay; of more it may."""
+    F = np.array([[0.9, 1.0], [0.0, 0.7]])
+    modes = [Mode(name, F=F, H=[[1.0, 0.0]], Q=np.eye(2), R=[[1.0]], f=f) for name, f in (("a", [0, 0]), ("b", [1, 2]))]
+    filters = [steady_state(mode).filter for mode in modes]
+    for gain in ("predictor", "filter"):
+        E = [made.predictor_error if gain == "predictor" else made.filter_error for made in filters]
+        U = [terms.mismatch for terms in sojourn_bound(filters, gain, Demand(0.99, 3, 1.0)).modes]
+        added = max(
+            np.sqrt(2) * u * 3 * np.linalg.cond(np.linalg.eig(matrix)[1]) for u, matrix in zip(U, E, strict=True)
+        )
+        for share, feasible in ((0.999, False), (1.001, True)):
+            bound = sojourn_bound(filters, gain, Demand(0.99, 3, share * added))
+            assert (bound.by_condition is not None) is feasible
+
+
 def test_without_delay_no_error_is_left_and_no_bound_of_the_state_is_needed():
     assert sojourn_bound(scalars((0.5, 1.0), (0.9, 1.0)), "predictor", Demand(0.99)).by_condition == 1
 
@@ -315,7 +331,8 @@ def test_two_observable_modes_that_switch_every_row_leave_half_of_the_state_unse
     assert np.trace(slow) < 10.0
 
 
-def test_a_hidden_part_that_decays_leaves_the_question_undecided():
-    modes = [Mode(name, F=np.diag([0.5, 1.1]), H=[[0, 1]], Q=np.eye(2), R=[[1.0]]) for name in "ab"]
+@pytest.mark.parametrize("factor", [0.5, 0.95, 1.0])
+def test_a_hidden_part_that_does_not_grow_leaves_the_question_undecided(factor):
+    modes = [Mode(name, F=np.diag([factor, 1.1]), H=[[0, 1]], Q=np.eye(2), R=[[1.0]]) for name in "ab"]
     system = StochasticSystem(modes, ModeTransition("ab", np.full((2, 2), 0.5)), x=[0, 0], P=np.eye(2), mu=[0.5, 0.5])
     assert boundedness(system).bounded is None

@@ -10,7 +10,9 @@ from scipy.stats import norm
 from deshybrid.diagnostics import UsageError
 from deshybrid.linear.observability import observability_index, observability_matrix
 from deshybrid.stochastic.distance import output_distance, unexplained
+from deshybrid.stochastic.observability import literal_verdict
 from deshybrid.stochastic.outputs import OutputGaussian, output_gaussian, staying, switching_once
+from deshybrid.stochastic.system import Mode, ModeTransition, StochasticSystem
 from deshybrid.stochastic.telling_apart import Window, compare_modes, compare_switches
 from tests.naive_windows import bhattacharyya, covariance_as_printed, kullback_leibler, stacked_outputs
 from tests.strategies import random_stochastic_system
@@ -162,6 +164,36 @@ def test_before_the_switch_no_distance_has_grown():
     system = random_stochastic_system(np.random.default_rng(9))
     one, two = (switching_once(*system.modes[:2], at, 8, x=system.x, P=system.P) for at in (3, 8))
     np.testing.assert_allclose(output_distance(one, two).bhattacharyya[:3], 0.0, atol=1e-9)
+
+
+@given(seed=seeds, alike=st.sampled_from(["nothing", "sensors", "all but the process noise", "everything"]))
+@settings(max_examples=40, deadline=None)
+def test_the_literal_verdict_compares_the_covariances_that_the_paper_prints(seed, alike):
+    """Lemma 2 by O Π₀ Oᵀ + T Q̄ Tᵀ + R̄ of τ̄ rows; Lemma 3 by (9) and (10), with F = [A^(κ-1) ... I] written out."""
+    rng = np.random.default_rng(seed)
+    drawn = random_stochastic_system(rng, plain=True)
+    one, two = drawn.modes[:2]
+    kept = {"nothing": "", "sensors": "HR", "all but the process noise": "FHR", "everything": "FHRQ"}[alike]
+    other = Mode("other", **{key: getattr(one if key in kept else two, key) for key in "FHRQ"})
+    chain = ModeTransition((one.name, "other"), np.full((2, 2), 0.5))
+    system = StochasticSystem((one, other), chain, x=drawn.x, P=drawn.P, mu=[0.5, 0.5])
+    found, tau = literal_verdict(system), max(observability_index(m.F, m.H) for m in (one, other))
+    assert found.index == tau
+    equal = np.allclose(covariance_as_printed(one, drawn.P, tau), covariance_as_printed(other, drawn.P, tau))
+    assert bool(found.equal_modes) is equal
+    for before, after in ((one, other), (other, one)):
+        power = [np.linalg.matrix_power(before.F, k) for k in range(tau + 1)]
+        M = power[tau] @ drawn.P @ power[tau].T + sum(power[k] @ before.Q @ power[k].T for k in range(tau))
+        sides = [m.H @ M @ m.H.T + m.R for m in (after, before)]
+        assert ((before.name, after.name) in found.equal_switches) is bool(np.allclose(*sides))
+
+
+def test_lemma_3_is_asked_as_many_steps_after_the_first_row_as_the_joint_index_says():
+    """One step makes Π₀ = 1 a variance of 2, and 1·2 + 10 = 4·2 + 4: this switch does not change the variance."""
+    modes = [Mode(name, F=[[1.0]], H=[[H]], Q=[[1.0]], R=[[R]]) for name, H, R in (("a", 1.0, 10.0), ("b", 2.0, 4.0))]
+    for P, hidden in ((1.0, True), (0.5, False)):
+        system = StochasticSystem(modes, ModeTransition("ab", np.full((2, 2), 0.5)), x=[0.0], P=[[P]], mu=[0.5, 0.5])
+        assert bool(literal_verdict(system).equal_switches) is hidden
 
 
 def test_identical_modes_are_never_told_apart():
