@@ -211,9 +211,14 @@ def _run_automaton(system: HybridSystem, seed: int, duration: float) -> Executio
     places, now, stop = [name], 0.0, None
     while True:
         when, options = commands.first_permitted(*_next_exit(system, agenda, name, now))
-        if not options or when > duration:
+        location = system.location(name)
+        over = now + (location.dwell.max or math.inf)
+        if not options or when > min(over, duration):
             if not any(t.source == name for t in system.transitions):
-                stop = Stop("blocked", now, f"no transition leaves location `{name}`", system.location(name).span)
+                stop = Stop("blocked", now, f"no transition leaves location `{name}`", location.span)
+            elif over <= duration:
+                text = f"the longest stay in location `{name}` is over and the commands permit no transition"
+                stop = Stop("blocked", over, text, location.span)
             break
         taken = options[agenda.choose(len(options))]
         if switches and when <= now:

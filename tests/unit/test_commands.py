@@ -185,3 +185,11 @@ def test_report_and_header_say_which_commands_the_observer_is_told(gears: Hybrid
     header = texts["c/gears.h"].decode()
     assert "int32_t command[GEARS_N_COMMANDS]; /* GEARS_COMMAND_...: lever, clutch */" in header
     assert "GEARS_COMMAND_CLUTCH_RELEASED = 2" in header
+
+
+def test_a_run_ends_where_a_stay_has_to_and_no_command_permits_it() -> None:
+    text = GEARS.replace("[open, first, second]", "{open: {dwell: {max: 3}}, first: null, second: null}")
+    run = simulate(loads(text + "simulation: {location: open, commands: {lever: N}}"), duration=9)
+    assert run.stop is not None
+    assert (run.stop.kind, run.stop.time, run.switches) == ("blocked", 3.0, ())
+    assert "the commands permit no transition" in run.stop.message
