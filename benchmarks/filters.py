@@ -64,20 +64,23 @@ def flown(deviation: float, seed: int) -> Flights:
     return Flights(truth[:, [0, 2]] + noise, (rates != 0.0).astype(int), truth)
 
 
-def interval(values: np.ndarray) -> str:
-    return f"{values.mean():.3f} ± {1.96 * values.std(ddof=1) / np.sqrt(len(values)):.3f}"
+def interval(values: np.ndarray, digits: int = 3) -> str:
+    return f"{values.mean():.{digits}f} ± {1.96 * values.std(ddof=1) / np.sqrt(len(values)):.{digits}f}"
 
 
 def delays(named: np.ndarray, modes: np.ndarray) -> str:
-    """Median over the flights of the row of a stay that first names it, for every switch; - where most never do."""
+    """Rows from 1 to the first that names the mode of a stay, for every switch.
+
+    A stay never named counts whole, plus 1; in brackets stands how many flights never named it.
+    """
     starts = [*(np.flatnonzero(np.diff(modes)) + 1).tolist(), len(modes)]
     texts = []
     for start, end in pairwise(starts):
         right = named[:, start:end] == modes[start]
-        first = np.where(right.any(axis=1), 1.0 + right.argmax(axis=1), np.inf)
-        median = float(np.median(first))
-        texts.append("-" if np.isinf(median) else f"{median:g}")
-    return " ".join(texts)
+        first = np.where(right.any(axis=1), 1.0 + right.argmax(axis=1), 1.0 + end - start)
+        missed = int((~right.any(axis=1)).sum())
+        texts.append(interval(first, 1) + (f" ({missed})" if missed else ""))
+    return ", ".join(texts)
 
 
 def rows(system, flights: Flights, places: list[int], label: str) -> list[str]:
