@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from deshybrid.continuous.gains import ObserverGains
     from deshybrid.continuous.ultimate import UltimateBound
     from deshybrid.detector.detector import TransitionDetector
+    from deshybrid.detector.excitation import Excitation
     from deshybrid.observer.hybrid import HybridObserver
 
 Source: TypeAlias = str | Path | HybridSystem | DES
@@ -109,6 +110,13 @@ class Design(Explained):
 
         return average_dwell_of(self.system, self.gains) if self.gains and self.certificates else None
 
+    @cached_property
+    def excitations(self) -> "tuple[Excitation, ...]":
+        """How soon each signature comes for certain, for how strong a motion; found when asked for."""
+        from deshybrid.detector.excitation import excitations
+
+        return () if self.detector is None else excitations(self.detector)
+
     @property
     def delay(self) -> float:
         """The detection delay Δ that the certificates assume: the detector's window, 0 without a detector."""
@@ -120,7 +128,7 @@ class Design(Explained):
 
         if self.gains is None:
             return empty_document(self.determined)
-        return design_document(
+        document = design_document(
             self.system,
             self.gains,
             self.certificates,
@@ -130,12 +138,14 @@ class Design(Explained):
             determined=self.determined,
             average=self.average,
         )
+        return document | {"excitation": [found.record() for found in self.excitations]}
 
     def __repr__(self) -> str:
         return f"<Design of {self.system.name}: exists={self.exists}, certified={self.certified}, step={self.step:g} s>"
 
     def __str__(self) -> str:
         from deshybrid.continuous.certified import interval_lines
+        from deshybrid.detector.excitation import excitation_lines
 
         name = self.system.name
         if not self.exists:
@@ -148,6 +158,7 @@ class Design(Explained):
         lines += str(self.determined).splitlines() if self.determined else []
         lines += interval_lines(self.certificates, self.lower_limit)
         lines += [f"  {self.average}"] if self.average else []
+        lines += excitation_lines(self.excitations, self.delay, self.gains.dwell)
         if self.ultimate is not None:
             bound = self.ultimate.value
             lines.append(

@@ -10,8 +10,9 @@ residuals maximise, Chen and Patton (1999), section 2.8; this form of it is this
 
 import numpy as np
 
-from deshybrid.detector.residual import ResidualGenerator, sampled_dynamics
+from deshybrid.detector.residual import ResidualGenerator
 from deshybrid.detector.thresholds import floor, steady_bound
+from deshybrid.detector.together import driven_together
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.system import HybridSystem, Location
 
@@ -34,30 +35,11 @@ def contrast(system: HybridSystem, generator: ResidualGenerator) -> float:
 
 def _shown(system: HybridSystem, generator: ResidualGenerator, rival: Location) -> FloatArray:
     """Root mean square of each row of the residual (q,) while the plant is in `rival`, over (x, u) of length one."""
-    own = generator.location
-    if rival.dynamics is None or not set(own.output_index) <= set(rival.output_index):
+    joint = driven_together(system, generator, rival)
+    if joint is None:
         return np.zeros(len(generator.channels))
-    plant = sampled_dynamics(system, rival.dynamics, generator.step)
-    (n, m), k = (len(plant.A), len(system.input_names)), len(generator.F)
-    rows = [rival.output_index.index(channel) for channel in own.output_index]
-    taken, acting = _spread(own.input_index, m), _spread(rival.input_index, m)
-    seen = np.hstack([plant.C[rows], np.zeros((len(rows), k)), plant.D[rows] @ acting, plant.g[rows][:, None]])
-    sample = np.vstack([np.hstack([np.zeros((len(taken), n + k)), taken, np.zeros((len(taken), 1))]), seen])
-    moved = np.eye(n + k + m + 1)
-    moved[:n] = np.hstack([plant.A, np.zeros((n, k)), plant.B @ acting, plant.f[:, None]])
-    moved[n : n + k] = np.hstack([generator.input, generator.gain]) @ sample
-    moved[n : n + k, n : n + k] += generator.F
-    moved[n : n + k, -1] += generator.offset
-    shown = np.hstack([generator.through, generator.J]) @ sample
-    shown[:, n : n + k] += generator.H
-    shown[:, -1] += generator.residual_offset
     samples = max(1, round(10 * generator.time_constant / generator.step))
-    return _mean_square(shown, moved, _starts(system, generator), min(samples, MOST_SAMPLES))
-
-
-def _spread(index: tuple[int, ...], m: int) -> FloatArray:
-    """The inputs of a location out of those of the system, (own, m)."""
-    return np.eye(m)[list(index)].reshape(len(index), m)
+    return _mean_square(*joint, _starts(system, generator), min(samples, MOST_SAMPLES))
 
 
 def _starts(system: HybridSystem, generator: ResidualGenerator) -> FloatArray:
