@@ -63,11 +63,6 @@ class TransitionDetector:
         return max(1, math.ceil(self.window / self.step - 1e-9))
 
     @property
-    def parts(self) -> tuple[Part, ...]:
-        """The generators with their levels."""
-        return tuple(map(Part, self.generators, self.thresholds, self.on_ticks))
-
-    @property
     def warnings(self) -> tuple[Diagnostic, ...]:
         """The warning (DH0609) of what Theorem 7 assumes of the signatures; none where all of it is guaranteed."""
         return delay_warnings(self.delays, self.window, self.decision)

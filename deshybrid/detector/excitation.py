@@ -17,7 +17,8 @@ transient and debounce (`levels`).  The signature comes at the first sample at w
 inactive, for as long as the decision asks.  More strength never makes it later.
 
 Assumed: the plant was in p, identified, for at least its dwell time; samples are valid; bounds hold; the transition
-happens at a sample, from which delays count, and there the motion is as strong as stated; u is the motion's.
+happens at a sample, from which delays count, and there the motion is as strong as stated; u is the motion's.  Of
+decisions by tests (`sprt`, `glr`) nothing is proven.
 Where s = 1 is not enough, or at rest without offsets, nothing is guaranteed.  That a name is true is another matter:
 `decision`.  Signatures of transitions with a discrete output are left out: their event comes first.
 
@@ -86,6 +87,9 @@ def excitation_lines(found: Iterable[Excitation], window: float, dwell: float | 
         return []
     relation = "" if dwell is None else f", {'below' if window < dwell else 'NOT below'} the dwell time of {dwell:g} s"
     lines = [f"  signatures have {window:.3g} s to come{relation}; proven:"]
+    reasons = {case.reason if case.seconds is None else "" for cases in by_ends.values() for case in cases}
+    if len(reasons) == 1 and "" not in reasons:
+        return [*lines, f"    nothing: {reasons.pop()}"]
     for (source, target), cases in by_ends.items():
         sure = [case for case in cases if case.seconds is not None and case.least is not None]
         slowest, least = (max((size or 0.0 for size in sizes), default=0.0) for sizes in _sizes(sure))
@@ -148,7 +152,11 @@ class Pair(NamedTuple):
 def _pair(detector: TransitionDetector, arc: Transition) -> Pair:
     system, names = detector.system, alternatives(detector.plan.des, arc)
     source, target = system.location(arc.source), system.location(arc.target)
-    parts = {part.generator.location.name: part for part in detector.parts}
+    if detector.decision.is_test:
+        return Pair(
+            source, target, (), 0, f"how long a test takes is a matter of chance (decision `{detector.decision.kind}`)"
+        )
+    parts = {part.generator.location.name: part for part in _levels(detector)}
     by = {signature.location: signature.by for signature in detector.plan.signatures}
     rivals = tuple(parts[name] for name in names if name in parts)
     own = parts.get(arc.target) if by.get(arc.target) == "residual" or not _alone(detector, rivals) else None
@@ -159,6 +167,13 @@ def _pair(detector: TransitionDetector, arc: Transition) -> Pair:
     if settled is None or any(largest_state(system, part.generator) is None for part in rivals):
         return Pair(source, target, rivals, 0, "nothing bounds how long the transient of a residual lasts")
     return Pair(source, target, rivals, settled + (0 if own is None else own.on_ticks))
+
+
+def _levels(detector: TransitionDetector) -> Iterator[Part]:
+    """The generators of a detector that compares residuals with levels."""
+    unused = np.zeros((0, 0))
+    for made in zip(detector.generators, detector.thresholds, detector.on_ticks, strict=True):
+        yield Part(*made, unused)
 
 
 def _alone(detector: TransitionDetector, rivals: tuple[Part, ...]) -> bool:

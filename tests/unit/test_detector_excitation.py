@@ -11,6 +11,7 @@ from deshybrid.detector.detector import TransitionDetector, build_detector
 from deshybrid.detector.excitation import Excitation, excitation_lines, excitations, proven_seconds
 from deshybrid.detector.motions import motions
 from deshybrid.model.load import load, loads
+from deshybrid.model.system import Decision, HybridSystem
 from deshybrid.observer.hybrid import build_observer
 
 PUMP = """\
@@ -34,8 +35,8 @@ observer: {dwell: 4, step: 0.02, detector: {decision: relay}}
 
 @cache
 def found(text: str = PUMP) -> tuple[TransitionDetector, dict[tuple[str, str, str], Excitation]]:
-    detector = compiler.design(loads(text)).detector
-    assert detector is not None
+    system = loads(text)
+    detector = build_detector(system, compiler.recover(system).plan, rate=1.0, step=0.02)
     return detector, {(e.source, e.target, e.motion.name): e for e in excitations(detector)}
 
 
@@ -71,14 +72,20 @@ def test_more_strength_never_takes_longer_and_the_least_is_the_limit() -> None:
     assert finite[0] <= detector.window + 1e-9
 
 
-def test_a_clutch_that_opens_in_step_is_not_proven_and_one_that_closes_on_moving_wheels_is() -> None:
+def driveline(decision: Decision) -> HybridSystem:
+    """Third and fourth gear and the open clutch."""
     whole, kept = load("models/balluchi2012/driveline.yaml"), ("q3", "q4", "qN")
-    system = replace(
+    return replace(
         whole,
         locations=tuple(location for location in whole.locations if location.name in kept),
         transitions=tuple(arc for arc in whole.transitions if {arc.source, arc.target} <= set(kept)),
         initial=kept,
+        observer=replace(whole.observer, detector=replace(whole.observer.detector, decision=decision)),
     )
+
+
+def test_a_clutch_that_opens_in_step_is_not_proven_and_one_that_closes_on_moving_wheels_is() -> None:
+    system = driveline("relay")
     detector = build_detector(system, compiler.recover(system).plan, rate=1.0, step=0.012)
     every = excitations(detector)
     opening = [e for e in every if (e.source, e.target) == ("q3", "qN")]
@@ -86,6 +93,16 @@ def test_a_clutch_that_opens_in_step_is_not_proven_and_one_that_closes_on_moving
     proven = [e.seconds for e in every if e.target == "q3" and e.seconds is not None]
     assert proven
     assert max(proven) <= detector.window < 0.9
+
+
+def test_nothing_is_proven_of_a_decision_by_a_test() -> None:
+    system = driveline("glr")
+    every = excitations(build_detector(system, compiler.recover(system).plan, rate=1.0, step=0.012))
+    assert every
+    assert all(e.seconds is None and "matter of chance" in e.reason for e in every)
+    lines = excitation_lines(every, 0.5, 0.9)
+    assert len(lines) == 2
+    assert "nothing: how long a test takes" in lines[1]
 
 
 def test_a_design_tells_what_is_proven_in_text_and_json() -> None:
