@@ -230,6 +230,7 @@ def _options(made: Compilation, wishes: Wishes) -> dict[str, object]:
         "step": made.design.step,
         "rate": None if gains is None else gains.rate,
         "dwell": None if gains is None else gains.dwell,
+        **({} if gains is None or gains.method == "place" else {"method": gains.method}),
         "max_states": None if made.observer is None else made.observer.max_states,
     }
 

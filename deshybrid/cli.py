@@ -185,9 +185,7 @@ def design(
     rate: Rate = None,
     dwell: DwellTime = None,
     step: Step = None,
-    method: Annotated[
-        GainMethod, typer.Option(help="place poles, filter noise, or design gains and forms together")
-    ] = "place",
+    method: GainMethod = "place",
     timeout: Timeout = None,
     as_json: AsJson = False,
     output: Output = None,
@@ -216,6 +214,7 @@ def compile_model(
     rate: Rate = None,
     dwell: DwellTime = None,
     step: Step = None,
+    method: GainMethod = "place",
     max_states: TableStates = MAX_TABLE,
     timeout: Timeout = None,
     max_memory: MaxMemory = None,
@@ -240,7 +239,9 @@ def compile_model(
         manifest = texts["MANIFEST.json"].decode()
         return _write(None, manifest if as_json else bundle.listing(folder, texts))
     with working("compiling", timeout, max_memory):
-        made = compiler.compile(_read(model, read_as), rate=rate, dwell=dwell, step=step, max_states=max_states)
+        made = compiler.compile(
+            _read(model, read_as), rate=rate, dwell=dwell, step=step, method=method, max_states=max_states
+        )
         files = bundle.files(made, wishes)
     write_tree(folder, files)
     _write(None, to_json(bundle.record(made, wishes)) if as_json else f"{made}\n{bundle.listing(folder, files)}")
@@ -255,6 +256,7 @@ def run(
     rate: Rate = None,
     dwell: DwellTime = None,
     step: Step = None,
+    method: GainMethod = "place",
     max_states: TableStates = MAX_TABLE,
     read_as: ReadAs = None,
     as_json: AsJson = False,
@@ -268,7 +270,9 @@ def run(
     from deshybrid.simulate.trace import read_trace
 
     with working("running"):
-        made = compiler.compile(_read(model, read_as), rate=rate, dwell=dwell, step=step, max_states=max_states)
+        made = compiler.compile(
+            _read(model, read_as), rate=rate, dwell=dwell, step=step, method=method, max_states=max_states
+        )
         if made.observer is None:
             say(made.diagnostics)
             _finish(False)

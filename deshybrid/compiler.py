@@ -75,7 +75,7 @@ class Design(Explained):
         """
         from deshybrid.continuous.certified import is_certified
 
-        if self.determined is not None and self.determined.required:
+        if self.determined is not None and self.determined.required and not self.certificates:
             return self.exists and self.determined.holds
         return self.exists and is_certified(self.certificates)
 
@@ -319,7 +319,7 @@ def _certified(draft: Design, stays: "Stays") -> Design:
     together = determined(system, gains, stays, step=made.step, delay=made.delay)
     if together is not None:
         made = replace(made, determined=together, problems=made.problems + together.problems)
-        if together.required:
+        if together.required and stays is not None:
             return replace(made, gains=replace(gains, rate=together.rate or gains.rate))
     certificates = paper_certificates(system, gains, step=made.step, delay=made.delay)
     if not certificates[-1].holds and made.delay > 0.0 and gains.method != "lmi":
@@ -337,12 +337,14 @@ def compile(
     rate: float | None = None,
     dwell: float | None = None,
     step: float | None = None,
+    method: "GainMethod" = "place",
     max_states: int = MAX_TABLE,
 ) -> Compilation:
     """Carry a model through all stages to the hybrid observer that runs.  Stage 9.
 
-    A purely discrete model gives an observer of the location alone, one tick a row.  The location observer becomes a
-    table of up to `max_states` states; where there are more, it runs on line, with the same estimates.
+    Arguments are those of `design`.  A purely discrete model gives an observer of the location alone, one tick a row.
+    The location observer becomes a table of up to `max_states` states; where there are more, it runs on line, with the
+    same estimates.
     Source: Balluchi et al. (2012), sections 3.2 and 4.2.
 
     >>> made = compile("models/balluchi2012/fig2.yaml")
@@ -356,7 +358,7 @@ def compile(
     if system.is_discrete:
         made = Design(system, recover(system, max_states=max_states), step or 1.0)
     else:
-        made = design(system, rate=rate, dwell=dwell, step=step, max_states=max_states)
+        made = design(system, rate=rate, dwell=dwell, step=step, method=method, max_states=max_states)
     if not made.exists:
         return Compilation(made, None)
     given = (system, made.recovery.plan, made.detector, made.gains)

@@ -46,7 +46,10 @@ Step = Annotated[
     float | None, typer.Option(help="sampling step in s; default: the model's `observer: step`, else a derived one")
 ]
 CheckMethod = Literal["auto", "observer", "pairs"]
-GainMethod = Literal["place", "lqe", "lmi"]
+GainMethod = Annotated[
+    Literal["place", "lqe", "lmi"],
+    typer.Option("--method", help="place poles, filter noise, or design gains and forms together"),
+]
 DrawFormat = Literal["svg", "png", "pdf", "dot", "mmd", "graphml"]
 DrawWhat = Literal["des", "dprime", "observer", "complementary", "complementary-observer"]
 TraceFile = Annotated[str, typer.Option("--trace", help="a trace as CSV, or - for standard input")]

@@ -50,10 +50,11 @@ def rate_left(split: KalmanSplit, requested: float, step: float | None) -> float
 def gain_problems(system: HybridSystem, name: str, split: KalmanSplit, *, alone: bool = True) -> list[Diagnostic]:
     """Return what stands against a gain for this location: fixed modes that stay, poles or gains that do not fit.
 
+    Fixed modes may stay where the location has a longest stay: whether it is left in time, certificates tell.
     alone: the location has to make its own error decay; else other locations are relied on for modes it does not see.
     """
     location, dynamics = system.location(name), dynamics_of(system, name)
-    problems = _undetectable(system, location, split) if alone else []
+    problems = _undetectable(system, location, split) if alone and location.dwell.max is None else []
     gain, poles = system.observer.gains.get(name), system.observer.poles.get(name)
     wanted = (len(dynamics.A), len(dynamics.C))
     if gain is not None and gain.shape != wanted:
@@ -64,7 +65,12 @@ def gain_problems(system: HybridSystem, name: str, split: KalmanSplit, *, alone:
 
 
 def cap_warning(system: HybridSystem, name: str, split: KalmanSplit, requested: float) -> tuple[Diagnostic, ...]:
-    """Return a warning (DH0502) if the fixed modes of this location are too slow for the rate that was asked for."""
+    """Return a warning (DH0502) if the fixed modes of this location are too slow for the rate that was asked for.
+
+    Or one (DH0503) if they do not decay at all and the location has to be left in time.
+    """
+    if must_be_left(system, name, split):
+        return (_growing(system, system.location(name), split),)
     left = rate_left(split, requested, system.time_step)
     if left == requested:
         return ()
@@ -137,12 +143,14 @@ def loop_problems(
 ) -> list[Diagnostic]:
     """Return an error (DH0504) for every location whose closed loop does not decay, beyond what rounding may hide.
 
+    A location with a longest stay need not decay.
+
     Warnings (DH0515) that outputs barely show a mode are repeated as notes, as they tell why.
     """
     found = []
     for name, values in spectra.items():
         rate = decay_rate(values, system.time_step)
-        if rate < -STABLE * _speed(loops[name], system.time_step):
+        if system.location(name).dwell.max is not None or rate < -STABLE * _speed(loops[name], system.time_step):
             continue
         given = "the given gain" if name in system.observer.gains else "the gain found"
         worst = ", ".join(_number(v) for v in values if decay_rate(np.array([v]), system.time_step) >= rate - 1e-9)
@@ -178,6 +186,18 @@ def is_detectable(system: HybridSystem, name: str, split: KalmanSplit) -> bool:
     """Return whether every mode that no output of the location shows decays by itself."""
     rate = decay_rate(sorted_spectrum(split.A_u), system.time_step)
     return rate < -STABLE * _speed(dynamics_of(system, name).A, system.time_step)
+
+
+def must_be_left(system: HybridSystem, name: str, split: KalmanSplit) -> bool:
+    """Return whether a mode of the location neither decays nor is seen, but its stays are bounded."""
+    return system.location(name).dwell.max is not None and not is_detectable(system, name, split)
+
+
+def _growing(system: HybridSystem, location: Location, split: KalmanSplit) -> Diagnostic:
+    message = f"an unobservable mode of `{location.name}` does not decay: the other locations have to make up for it"
+    helps = ("only certificates by matrix inequalities take the longest stay into account (extra `lmi`)",)
+    notes = _modes(system, location, split)
+    return diagnostic("DH0503", message, location.span, notes=notes, helps=helps, severity="warning")
 
 
 def _undetectable(system: HybridSystem, location: Location, split: KalmanSplit) -> list[Diagnostic]:
@@ -243,6 +263,7 @@ __all__ = [
     "is_detectable",
     "loop_problems",
     "loop_warnings",
+    "must_be_left",
     "rate_left",
     "require_not_negative",
     "require_positive",

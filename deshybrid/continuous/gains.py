@@ -29,6 +29,7 @@ from deshybrid.continuous.checks import (
     gain_problems,
     loop_problems,
     loop_warnings,
+    must_be_left,
     rate_left,
     require_not_negative,
     require_positive,
@@ -104,7 +105,8 @@ def design_gains(
     UsageError
         DH0501 a location without continuous dynamics; DH0508 a rate, dwell time or delay that makes no sense.
     GainError
-        DH0503 a location keeps a mode that neither decays nor is seen; DH0504 a given gain leaves a location unstable;
+        DH0503 a location keeps a mode that neither decays nor is seen; DH0504 a given gain leaves a location unstable,
+        both without a longest stay;
         DH0505 given poles do not fit; DH0507 a given gain has the wrong shape.  All of them together.
 
     Whether the gains meet (20) is decided by `deshybrid.continuous.dwell.certify_dwell`.
@@ -193,7 +195,8 @@ def _plan(
     locations = tuple(splits)
     dwell = stated_dwell(system, locations) if dwell is None else dwell
     requested = default_rate(system, locations, dwell) if rate is None else rate
-    certified = min(requested, *(rate_left(split, requested, system.time_step) for split in splits.values()), inf)
+    lasting = [split for name, split in splits.items() if not must_be_left(system, name, split)]
+    certified = min(requested, *(rate_left(split, requested, system.time_step) for split in lasting), inf)
     aim = 1 / requested if dwell is None else max(dwell - delay, 0.05 * dwell)
     return GainPlan(system, splits, state_scale(system, locations), requested, certified, dwell, aim)
 

@@ -100,6 +100,9 @@ def ultimate_bound(
         return bound_of(terms, None, missing)
     dynamics = error_dynamics(system, gains.gains)
     bases = {name: modal_basis(dynamics.matrices[name], certificate.scale, step=dynamics.step) for name in gains.gains}
+    growing = [name for name, basis in bases.items() if not basis.alpha < 0]
+    if growing:
+        return bound_of(terms, None, f"no bound is computed where errors grow during a stay, as in `{growing[0]}`")
     beta, longest = certificate.dwell - delay, certificate.dwell
     if dynamics.step is not None:
         beta, longest = (stay_steps(stay, dynamics.step) * dynamics.step for stay in (beta, longest))

@@ -203,6 +203,21 @@ def test_design_says_by_which_method_gains_were_found(method: str) -> None:
     assert record["average_dwell"]["rate"] == record["rate"]
 
 
+def test_compile_and_run_find_gains_by_the_method_that_design_does(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tank, trace = "models/two_tank.yaml", tmp_path / "trace.csv"
+    assert within(capsys, "compile", tank, "--method", "lqe", "-o", tmp_path / "out")[0] == 0
+    made = json.loads((tmp_path / "out/design.json").read_text(encoding="utf-8"))
+    assert made["gains"] == json.loads(within(capsys, "design", tank, "--method", "lqe", "--json")[1])["gains"]
+    manifest = json.loads((tmp_path / "out/MANIFEST.json").read_text(encoding="utf-8"))
+    assert manifest["options"]["method"] == "lqe"
+    within(capsys, "simulate", tank, "--duration", 3, "-o", trace)
+    estimates = [within(capsys, "run", tank, "--trace", trace, "--method", way)[1] for way in ("place", "lqe")]
+    assert estimates[0] != estimates[1]
+    assert estimates[0].splitlines()[0] == estimates[1].splitlines()[0]
+
+
 def test_design_of_a_discrete_model_is_a_wrong_call() -> None:
     done = deshybrid("design", FIG2)
     assert done.returncode == 2

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from deshybrid.compiler import design
 from deshybrid.continuous.cycles import DwellLowerLimit
 from deshybrid.continuous.error import ErrorDynamics, ErrorReset
 from deshybrid.continuous.form_graph import Forms, Shape, nodes_of
 from deshybrid.continuous.forms import FormProblem
 from deshybrid.continuous.lmi import InequalityCertificate, shifted_dynamics
+from deshybrid.model.load import loads
 from deshybrid.verify import verify_design
 from tests.certificates import Tree, certified, tree_of
 
@@ -196,6 +198,38 @@ def test_a_hundred_perturbed_forms_over_spans_are_refused() -> None:
 def grown() -> Tree:
     dynamics = pair(UNSTABLE, DAMPED)
     return tree_of(dynamics, certified(dynamics, rate=0.05, most={"p": 0.3}))
+
+
+DROPOUT = """
+format: deshybrid/1
+name: dropout
+state: [x, v]
+output: [y]
+disturbance: [w]
+bounds: {disturbance: 0.1, measurement: 0.01}
+defaults: {A: [[0, 1], [1, -0.2]], E: [[0], [1]]}
+locations:
+  seen: {C: [[1, 0]], dwell: {min: 1.5}}
+  blind: {C: [[0, 0]], LONGEST}
+transitions:
+  - {from: seen, to: blind, event: fails, emits: fails}
+  - {from: blind, to: seen, event: back, emits: back}
+observer: {rate: 0.2, step: 0.01}
+"""
+
+
+def test_a_sensor_that_fails_for_a_short_time_leaves_a_certified_observer_of_an_unstable_plant() -> None:
+    made = design(loads(DROPOUT.replace("LONGEST", "dwell: {max: 0.4}")))
+    assert made.certified
+    assert [(entry.theorem, entry.holds) for entry in made.certificates[2:]] == [("LMI", True), ("LMI-sampled", True)]
+    assert [(p.code, p.severity) for p in made.problems] == [("DH0503", "warning")]
+    assert made.ultimate is not None
+    assert "`blind`" in made.ultimate.reason
+    report = verify_design(made.document())
+    assert report.holds, str(report)
+    outside = design(loads(DROPOUT.replace("LONGEST", "dwell: {min: 0.1}")))
+    assert not outside.certified
+    assert [(p.code, p.severity) for p in outside.problems] == [("DH0503", "error")]
 
 
 CLAIM = ("certificates", 0)
