@@ -44,7 +44,8 @@ def verify_plan(document: Mapping[str, object], model: Mapping[str, object] | No
     """
     document = Watched(document)
     plan = read_plan(document)
-    checks = tuple(Check(*said) for said in (*_of_the_model(document, model), *_said(plan)))
+    said = (*_of_the_model(document, model), *_said(plan), *_shown(document, plan))
+    checks = tuple(Check(*each) for each in said)
     unchecked = paths_in_words(document.unread(), frozenset())
     if not model:
         unchecked = (*unchecked, "that system and candidates are those of a model (`--model`)")
@@ -66,6 +67,25 @@ def _said(plan: Plan) -> Iterator[tuple[str, str, str, bool]]:
         faults = constraint_faults(plan, open_to, claimed)
         yield _stated("proof", f"constraint {number}", "its runs force it", faults)
     yield from (("plan", "cost", *said) for said in _costs(plan, open_to))
+
+
+def _shown(document: Mapping[str, object], plan: Plan) -> Iterator[tuple[str, str, str, bool]]:
+    """What the file says of its signatures for readers: it has to be what was checked."""
+    entries = document.get("signatures")
+    shown = zip(entries if isinstance(entries, list) else (), plan.instrumented, strict=False)
+    for entry, (number, _, transitions) in shown:
+        offer, arcs = plan.offers[number], [plan.arcs[k] for k in transitions]
+        meant = {
+            "location": "|".join(offer.locations),
+            "covers": list(offer.locations),
+            "transitions": [[arc.source, arc.event, arc.target] for arc in arcs],
+        }
+        for key, value in meant.items():
+            if key in entry:
+                yield "plan", f"signature `{offer.name}`", f"`{key}` is that of what was checked", entry[key] == value
+    if "already_observable" in document:
+        said = "`already_observable` says that there are no signatures"
+        yield "plan", "signatures", said, document["already_observable"] is (not plan.instrumented)
 
 
 def _stated(certificate: str, part: str, said: str, faults: Iterable[str]) -> tuple[str, str, str, bool]:

@@ -77,10 +77,16 @@ def test_in_discrete_time_no_worst_run_leaves_the_bound() -> None:
     assert np.median(case[2].by_state / worst) <= 2.0
 
 
-def test_without_a_bound_of_what_disturbs_there_is_none_and_with_zeros_it_is_zero(ring: Case) -> None:
-    system = ring[0]
-    silent = replace(system, bounds=replace(system.bounds, disturbance=np.zeros(4), measurement=np.zeros(1)))
-    assert bounded(silent)[2].value == 0.0
-    unknown = bounded(replace(system, bounds=replace(system.bounds, disturbance=None)))[2]
+def test_without_a_bound_of_what_disturbs_there_is_none_and_with_zeros_it_is_zero() -> None:
+    system = load("models/balluchi2003/three_locations.yaml")
+    gains, stays = gains_alone_or_together(system, NAMES, rate=None, dwell=None, method="place")
+    together = determined(system, gains, stays, step=0.05)
+    assert together is not None
+    silent = replace(system.bounds, disturbance=np.zeros(4), measurement=np.zeros(1))
+    bounds = (silent, replace(system.bounds, disturbance=None))
+    quiet, unknown = (
+        ultimate_bound_in_box(replace(system, bounds=each), gains, together.certificates[0]) for each in bounds
+    )
+    assert quiet.value == 0.0
     assert unknown.value is None
     assert "disturbance" in unknown.reason

@@ -13,6 +13,7 @@ from deshybrid.continuous.ultimate import ultimate_bound
 from deshybrid.linear.sampling import flow_and_integral
 from deshybrid.model.load import load, loads
 from deshybrid.model.system import HybridSystem, HybridTransition
+from tests.late import Grid, largest_errors
 from tests.property.test_continuous_bounds import dynamics
 
 CLUTCH = """
@@ -198,10 +199,33 @@ def test_no_late_observer_of_a_guarded_plant_leaves_the_bound() -> None:
     assert (largest > 0.1 * bound.by_state).all()
 
 
-def test_the_guard_of_the_driveline_tells_that_the_clutch_closes_near_synchronism() -> None:
-    system = load("models/balluchi2012/driveline.yaml")
+EXAMPLES = [
+    pytest.param("models/two_tank.yaml", 3.0, Grid(0.05, 60, 2), id="two tanks, 0.1 s"),
+    pytest.param("models/balluchi2012/driveline.yaml", 0.9, Grid(0.02, 45, 3), id="driveline, 0.06 s"),
+    pytest.param("models/balluchi2012/driveline.yaml", 0.9, Grid(0.02, 45, 36), id="driveline, 0.72 s"),
+]
+
+
+def executed(model: str, dwell: float, grid: Grid, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """The largest errors of so many executions of an example, and its bound for the delay of the grid."""
+    system = load(model)
     gains = design_gains(system, tuple(place.name for place in system.locations))
-    bound = ultimate_bound(system, gains, delay=0.06).by_state
+    bound = ultimate_bound(system, gains, dwell=dwell, delay=grid.delay * grid.width).by_state
     assert bound is not None
-    assert bound[1] < 500
-    assert bound[2] < 10
+    return largest_errors(system, gains, grid, size), bound
+
+
+@pytest.mark.parametrize(("model", "dwell", "grid"), EXAMPLES)
+def test_no_random_execution_of_an_example_leaves_the_bound_with_a_delay(model: str, dwell: float, grid: Grid) -> None:
+    largest, bound = executed(model, dwell, grid, (40, 400))
+    assert (largest <= bound).all()
+    assert (largest > 0.3 * bound).any()
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize(("model", "dwell", "grid"), EXAMPLES)
+def test_none_of_ten_thousand_executions_of_an_example_leaves_the_bound_with_a_delay(
+    model: str, dwell: float, grid: Grid
+) -> None:
+    largest, bound = executed(model, dwell, grid, (10_000, 600))
+    assert (largest <= bound).all()
