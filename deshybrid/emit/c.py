@@ -8,19 +8,16 @@ Source: the reference step (`deshybrid.observer.reference`); ISO C99.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isinf, isnan
 from typing import TYPE_CHECKING, Any
 
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.emit.conline import layout, words
+from deshybrid.emit.csource import C_FILES, Named, braced, named, template_environment
 from deshybrid.emit.ctables import Cost, Real, c_tables, cost
 from deshybrid.emit.identifiers import (
-    c_comment,
     c_real,
-    c_string,
     check_names,
     check_prefix,
-    markdown_code,
     unique_identifiers,
 )
 from deshybrid.emit.provenance import Provenance, banner, certificate_lines, decision_facts, tracker_fact
@@ -29,25 +26,9 @@ from deshybrid.observer import reference
 from deshybrid.observer.tables import STATUS_NAMES, StepTables, evidence_size
 
 if TYPE_CHECKING:
-    from jinja2 import Environment
+    pass
 
 _SAMPLES, _SEED = 400, 1
-_TEMPLATES = {
-    "{}.h": "header.h.j2",
-    "{}.c": "source.c.j2",
-    "{}_selftest.c": "selftest.c.j2",
-    "Makefile": "Makefile.j2",
-    "CMakeLists.txt": "CMakeLists.txt.j2",
-    "README.md": "README.md.j2",
-}
-
-
-@dataclass(frozen=True, slots=True)
-class _Named:
-    """A name of the model with the identifier that stands for it."""
-
-    name: str
-    identifier: str
 
 
 def emit_c(tables: StepTables, *, prefix: str, real: Real = "double", provenance: Provenance) -> dict[str, str]:
@@ -87,33 +68,16 @@ def emit_c(tables: StepTables, *, prefix: str, real: Real = "double", provenance
         raise UsageError(diagnostic("DH0814", f"real type `{real}`, expected `double` or `float`"))
     for kind, names in _spoken_names(tables).items():
         check_names(kind, names)
-    environment = _environment()
+    environment = template_environment("c")
     context = _context(tables, prefix, real, provenance)
     return {
-        name.format(prefix): environment.get_template(template).render(context) for name, template in _TEMPLATES.items()
+        name.format(prefix): environment.get_template(template).render(context) for name, template in C_FILES.items()
     }
 
 
 def _spoken_names(tables: StepTables) -> dict[str, Sequence[str]]:
     """The names that become C strings."""
     return {"location": tables.location_names, "event": tables.event_names, "signature": tables.signature_names}
-
-
-def _environment() -> "Environment":
-    """Nothing is escaped unseen: every name of the model passes a filter at its place; an unknown name is an error."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    loader = PackageLoader("deshybrid.emit", "templates/c")
-    environment = Environment(
-        loader=loader,
-        undefined=StrictUndefined,
-        autoescape=False,
-        keep_trailing_newline=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters.update(comment=c_comment, string=c_string, code=markdown_code)
-    return environment
 
 
 def _context(tables: StepTables, prefix: str, real: Real, origin: Provenance) -> Mapping[str, Any]:
@@ -139,9 +103,9 @@ def _context(tables: StepTables, prefix: str, real: Real, origin: Provenance) ->
         "state_names": tables.state_names,
         "input_names": tables.input_names,
         "output_names": tables.output_names,
-        "locations": _named(tables.location_names, "UNKNOWN"),
-        "events": _named(tables.event_names, "NONE"),
-        "signatures": _named(tables.signature_names, "NONE"),
+        "locations": named(tables.location_names, "UNKNOWN"),
+        "events": named(tables.event_names, "NONE"),
+        "signatures": named(tables.signature_names, "NONE"),
         "commands": _commands(tables),
         "strings": {**{f"{kind}_names": names for kind, names in spoken.items()}, "status_names": STATUS_NAMES},
         "longest_name": max(len(name.encode("utf-8", "surrogatepass")) for name in ("", *tables.event_names)),
@@ -164,26 +128,20 @@ def _context(tables: StepTables, prefix: str, real: Real, origin: Provenance) ->
     }
 
 
-def _named(names: Sequence[str], reserved: str) -> list[_Named]:
-    return [
-        _Named(name, identifier) for name, identifier in zip(names, unique_identifiers(names, [reserved]), strict=True)
-    ]
-
-
 @dataclass(frozen=True, slots=True)
 class _Command:
     """A command with the name of its value 0, `unknown`, and those of its values."""
 
     name: str
     unknown: str
-    values: list[_Named]
+    values: list[Named]
 
 
 def _commands(tables: StepTables) -> list[_Command]:
     words = [(name, value) for name, values in tables.commands for value in ("unknown", *values)]
     made = iter(unique_identifiers(f"{name} {value}".upper() for name, value in words))
     return [
-        _Command(name, next(made), [_Named(value, next(made)) for value in values]) for name, values in tables.commands
+        _Command(name, next(made), [Named(value, next(made)) for value in values]) for name, values in tables.commands
     ]
 
 
@@ -212,20 +170,7 @@ def _entry_row(locations: Sequence[int], count: int) -> str:
 
 def _vector(vector: Vector, entry: int, real: Real) -> str:
     """One initialiser of the self-test's `vector_t`."""
-
-    def reals(values: Sequence[float]) -> str:
-        return "{" + ", ".join(_sampled(value, real) for value in values or (0.0,)) + "}"
-
     numbers = (vector.location, vector.signature, vector.status, entry, int(vector.reset))
     command = f", {{{', '.join(map(str, vector.command))}}}" if vector.command else ""
-    head = f"{{{reals(vector.input)}, {reals(vector.output)}, {vector.event}{command}}}"
-    return f"{{{head}, {reals(vector.x)}, {', '.join(map(str, numbers))}}}"
-
-
-def _sampled(value: float, real: Real) -> str:
-    """A number of a sample, which unlike a constant may be NaN or infinite."""
-    if isnan(value):
-        return f"({real})NAN"
-    if isinf(value):
-        return f"({real}){'-' if value < 0 else ''}INFINITY"
-    return c_real(value, real)
+    head = f"{{{braced(vector.input, real)}, {braced(vector.output, real)}, {vector.event}{command}}}"
+    return f"{{{head}, {braced(vector.x, real)}, {', '.join(map(str, numbers))}}}"

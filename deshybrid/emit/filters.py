@@ -12,19 +12,15 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
-from math import isfinite, isnan
 from typing import TYPE_CHECKING, Any
 
+from deshybrid.emit.csource import C_FILES, braced, named, template_environment
 from deshybrid.emit.ctables import Real, Table
 from deshybrid.emit.filter_vectors import FilterKind, Row, array_sizes, flat_constants, record_rows
 from deshybrid.emit.identifiers import (
-    c_comment,
     c_real,
-    c_string,
     check_names,
     check_prefix,
-    markdown_code,
-    unique_identifiers,
 )
 from deshybrid.emit.provenance import Provenance, banner
 from deshybrid.stochastic import stepwise
@@ -32,19 +28,11 @@ from deshybrid.stochastic.stepwise import Constants, Room, State
 from deshybrid.stochastic.system import StochasticSystem
 
 if TYPE_CHECKING:
-    from jinja2 import Environment
+    pass
 
 _ROWS, _SEED, _WIDTH = 120, 1, 110
 _BYTES = {"double": 8, "float": 4}
 _TITLES = {"imm": "IMM filter, location unknown", "skf": "switching Kalman filter, location known"}
-_C_FILES = {
-    "{}.h": "header.h.j2",
-    "{}.c": "source.c.j2",
-    "{}_selftest.c": "selftest.c.j2",
-    "Makefile": "Makefile.j2",
-    "CMakeLists.txt": "CMakeLists.txt.j2",
-    "README.md": "README.md.j2",
-}
 _TABLES = {
     "F": ("F", "by location: F, row by row"),
     "Q": ("Q", "by location: covariance of the process noise"),
@@ -75,12 +63,6 @@ class FilterModel:
     output_names: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class _Named:
-    name: str
-    identifier: str
-
-
 def emit_filter_c(model: FilterModel, *, prefix: str, real: Real, provenance: Provenance) -> dict[str, str]:
     """Return the C code of a filter: the text of each file by its name; the same arguments give the same bytes.
 
@@ -94,10 +76,10 @@ def emit_filter_c(model: FilterModel, *, prefix: str, real: Real, provenance: Pr
     """
     check_prefix(prefix)
     check_names("location", model.system.names)
-    environment = _environment()
+    environment = template_environment("filter", "c")
     environment.filters["number"] = lambda value: c_real(value, real)
     context = _c_context(model, prefix, real, provenance)
-    return {name.format(prefix): environment.get_template(file).render(context) for name, file in _C_FILES.items()}
+    return {name.format(prefix): environment.get_template(file).render(context) for name, file in C_FILES.items()}
 
 
 def emit_filter_python(model: FilterModel, *, prefix: str, provenance: Provenance) -> dict[str, str]:
@@ -125,24 +107,7 @@ def emit_filter_python(model: FilterModel, *, prefix: str, provenance: Provenanc
         "locations": ascii(model.system.names),
         "rows": [(r.u, r.z, r.mode, r.reset, r.status, r.x, r.P, r.mu, r.told) for r in rows],
     }
-    return {f"{prefix}.py": _environment().get_template("filter.py.j2").render(context)}
-
-
-def _environment() -> "Environment":
-    """Nothing is escaped unseen; what the C of observers has already is taken from there."""
-    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
-
-    folders = ("templates/filter", "templates/c")
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader("deshybrid.emit", folder) for folder in folders]),
-        undefined=StrictUndefined,
-        autoescape=False,
-        keep_trailing_newline=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters.update(comment=c_comment, string=c_string, code=markdown_code)
-    return environment
+    return {f"{prefix}.py": template_environment("filter", "c").get_template("filter.py.j2").render(context)}
 
 
 def _c_context(model: FilterModel, prefix: str, real: Real, origin: Provenance) -> Mapping[str, Any]:
@@ -175,7 +140,7 @@ def _c_context(model: FilterModel, prefix: str, real: Real, origin: Provenance) 
         "log_terms": len(stepwise.LOG),
         "tables": _tables(c, real, known=known),
         "members": _members(c, model.kind, real),
-        "locations": [_Named(*pair) for pair in zip(names, unique_identifiers(names, ["UNKNOWN"]), strict=True)],
+        "locations": named(names, "UNKNOWN"),
         "location_names": names,
         "state_names": model.state_names,
         "input_names": model.input_names,
@@ -241,21 +206,10 @@ def _facts(model: FilterModel, c: Constants, real: Real, origin: Provenance) -> 
 
 def _vector(row: Row, n: int, real: Real, *, known: bool) -> str:
     """One initialiser of the self-test's `vector_t`."""
-
-    def reals(values: Sequence[float]) -> str:
-        return "{" + ", ".join(_sampled(value, real) for value in values or (0.0,)) + "}"
-
     where = f", {row.mode}" if known else ""
     variance = row.P[:: n + 1]
-    numbers = ", ".join(reals(values) for values in (row.x, variance, row.mu, row.told))
-    return f"{{{{{reals(row.u)}, {reals(row.z)}{where}}}, {numbers}, {row.status}, {int(row.reset)}}}"
-
-
-def _sampled(value: float, real: Real) -> str:
-    """A number of a row, which unlike a constant may be NaN or infinite."""
-    if isfinite(value):
-        return c_real(value, real)
-    return f"({real})NAN" if isnan(value) else f"({real}){'-' if value < 0 else ''}INFINITY"
+    numbers = ", ".join(braced(values, real) for values in (row.x, variance, row.mu, row.told))
+    return f"{{{{{braced(row.u, real)}, {braced(row.z, real)}{where}}}, {numbers}, {row.status}, {int(row.reset)}}}"
 
 
 def _wrapped(value: Any) -> str:
