@@ -3,8 +3,9 @@
 Tests make certificates through this module only (`tests/architecture` sees to it).
 """
 
+import copy
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -51,6 +52,16 @@ def certified_forms(
         report = verify_design(design_document(system, gains, both))
         assert report.holds, str(report)
     return found
+
+
+def changed(tree: Tree, path: tuple[str | int, ...], change: Callable[[Any], Any]) -> Tree:
+    """A copy of the tree in which the value at the path is another one."""
+    made = copy.deepcopy(tree)
+    place: Any = made
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = change(place[path[-1]])
+    return made
 
 
 def tree_of(dynamics: ErrorDynamics, certificate: InequalityCertificate) -> Tree:

@@ -23,7 +23,7 @@ from deshybrid.continuous.conic import require_solver
 from deshybrid.continuous.dwell import required_dwell
 from deshybrid.continuous.error import error_dynamics, state_scale
 from deshybrid.continuous.gains import Method, ObserverGains, design_gains, with_gains
-from deshybrid.continuous.lmi import certify_by_inequalities
+from deshybrid.continuous.lmi import certify_by_inequalities, stated_stays
 from deshybrid.continuous.lqe import error_variance, location_noise
 from deshybrid.diagnostics import GainError, UsageError, diagnostic
 from deshybrid.model.system import HybridSystem
@@ -130,15 +130,14 @@ def _is_smaller(placed: ObserverGains, filtered: ObserverGains, names: tuple[str
 
 
 def _shortest_stays(system: HybridSystem, gains: ObserverGains, delay: float) -> dict[str, float]:
-    stated = {name: system.location(name).dwell.min for name in gains.locations}
-    return {name: max(0.0, stay - delay) for name, stay in stated.items() if stay is not None}
+    return {name: max(0.0, stay - delay) for name, stay in stated_stays(system, gains.locations)[0].items()}
 
 
 def _required_by_forms(system: HybridSystem, gains: ObserverGains, delay: float) -> float:
-    """The dwell time (s) that forms of any affordable degree prove to be enough."""
-    least = _shortest_stays(system, gains, 0.0)
+    """The dwell time (s) that forms of any affordable shape prove to be enough."""
+    least, most = stated_stays(system, gains.locations)
     dynamics = error_dynamics(system, gains.gains)
-    return certify_by_inequalities(dynamics, rate=gains.rate, delay=delay, least=least).required_dwell
+    return certify_by_inequalities(dynamics, rate=gains.rate, delay=delay, least=least, most=most).required_dwell
 
 
 def _kept(placed: ObserverGains, method: Method, why: str) -> ObserverGains:

@@ -21,7 +21,7 @@ from deshybrid.continuous.lmi import InequalityCertificate
 from deshybrid.diagnostics import UsageError
 from deshybrid.linear.lifting import monomials
 from deshybrid.verify import verify_design
-from tests.certificates import Tree, certified, certified_forms
+from tests.certificates import Tree, certified, certified_forms, changed
 from tests.switched import twin
 
 BOTH = ("p", "q")
@@ -185,12 +185,7 @@ TAMPERED: list[tuple[str, tuple[str | int, ...], Callable[[Any], Any], str]] = [
 def test_a_changed_certificate_is_refused_and_the_inequality_named(
     design: Tree, what: str, path: tuple[str | int, ...], change: Callable[[Any], Any], broken: str
 ) -> None:
-    tree = copy.deepcopy(design)
-    place: Any = tree
-    for key in path[:-1]:
-        place = place[key]
-    place[path[-1]] = change(place[path[-1]])
-    report = verify_design(tree)
+    report = verify_design(changed(design, path, change))
     assert not report.holds
     assert any(broken in check.inequality for check in report.refused), str(report)
 

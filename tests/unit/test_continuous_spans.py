@@ -1,6 +1,5 @@
 """Forms that depend on how long a stay lasts and on the transitions before it: longest stays, and smaller gaps."""
 
-import copy
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
@@ -18,7 +17,7 @@ from deshybrid.continuous.forms import FormProblem
 from deshybrid.continuous.lmi import InequalityCertificate, shifted_dynamics
 from deshybrid.model.load import loads
 from deshybrid.verify import verify_design
-from tests.certificates import Tree, certified, tree_of
+from tests.certificates import Tree, certified, changed, tree_of
 
 BOTH = ("p", "q")
 UNSTABLE = np.array([[0.2, 3.0], [-0.3, 0.2]])
@@ -252,11 +251,6 @@ TAMPERED: list[tuple[str, tuple[str | int, ...], Callable[[Any], Any], str]] = [
 def test_a_changed_certificate_with_spans_is_refused_and_the_reason_named(
     what: str, path: tuple[str | int, ...], change: Callable[[Any], Any], broken: str
 ) -> None:
-    tree = copy.deepcopy(grown())
-    place: Any = tree
-    for key in path[:-1]:
-        place = place[key]
-    place[path[-1]] = change(place[path[-1]])
-    report = verify_design(tree)
+    report = verify_design(changed(grown(), path, change))
     assert not report.holds
     assert any(broken in check.inequality for check in report.refused), str(report)
