@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from deshybrid.emit.c import emit_c
+from deshybrid.emit.ctables import Real, c_tables, cost
 from deshybrid.emit.provenance import Provenance
 from deshybrid.emit.python import emit_python
 from deshybrid.emit.vectors import Vector, record_vectors
@@ -130,6 +131,19 @@ def table_bytes(folder: Path) -> int:
     symbols = subprocess.run(["nm", "-S", "small.o"], cwd=folder, capture_output=True, text=True, check=True).stdout
     entries = [line.split() for line in symbols.splitlines() if line.split()[-2] in "rRdD"]
     return sum(int(size, 16) for _, size, _, name in entries if not name.endswith("_names"))
+
+
+def assert_stated_bytes(folder: Path, tables: StepTables, *, real: Real = "double") -> str:
+    """Generate and build; fail unless the header states the bytes that the compiler uses.  Return the header."""
+    price = cost(tables, c_tables(tables, real), real)
+    write_c(folder, tables, real=real)
+    assert price.table_bytes == table_bytes(folder)
+    program = build(folder, "self", ["small.c", "small_selftest.c"])
+    spoken = subprocess.run([program], capture_output=True, text=True, check=True).stdout
+    assert f"state of {price.state_bytes} bytes" in spoken
+    header = (folder / "small.h").read_text()
+    assert f"{price.state_bytes} bytes of state, {price.table_bytes} bytes of tables" in header
+    return header
 
 
 def run_c(folder: Path, program: Path, vectors: Sequence[Vector], *, real: str = "double") -> bytes:

@@ -10,7 +10,7 @@ import pytest
 from fixtures import small_tables
 from random_tables import random_tables, tables_of_plan, with_decision
 
-from deshybrid.emit.ctables import c_tables, cost
+from deshybrid.emit.ctables import Real
 from deshybrid.emit.vectors import record_vectors
 from deshybrid.model.system import Decision
 from deshybrid.observer.tables import STATUS_NAMES, StepTables
@@ -72,15 +72,9 @@ def test_self_test_passes_under_sanitizers(standard: str, kind: Decision, tracke
 @needs_compiler
 @pytest.mark.parametrize("real", ["double", "float"])
 @pytest.mark.parametrize("kind", DECISIONS)
-def test_header_states_the_bytes_that_the_compiler_uses(kind: Decision, real: str, tmp_path: Path) -> None:
+def test_header_states_the_bytes_that_the_compiler_uses(kind: Decision, real: Real, tmp_path: Path) -> None:
     tables = with_decision(small_tables(), kind, 1)
-    price = cost(tables, c_tables(tables, real), real)  # type: ignore[arg-type]
-    harness.write_c(tmp_path, tables, real=real)
-    assert price.table_bytes == harness.table_bytes(tmp_path)
-    program = harness.build(tmp_path, "self", ["small.c", "small_selftest.c"])
-    spoken = subprocess.run([program], capture_output=True, text=True, check=True).stdout
-    assert f"state of {price.state_bytes} bytes" in spoken
-    assert "Decisions: " in (tmp_path / "small.h").read_text()
+    assert "Decisions: " in harness.assert_stated_bytes(tmp_path, tables, real=real)
 
 
 @needs_compiler

@@ -13,7 +13,6 @@ from random_tables import random_tables
 
 from deshybrid import compiler
 from deshybrid.emit.c import emit_c
-from deshybrid.emit.ctables import c_tables, cost
 from deshybrid.emit.python import emit_python
 from deshybrid.emit.vectors import record_vectors
 from deshybrid.observer.tables import FlowTables, GeneratorTables, StepTables, TrackerState
@@ -141,15 +140,7 @@ def test_c_needs_no_library_at_all(tmp_path):
 @pytest.mark.parametrize("real", ["double", "float"])
 @pytest.mark.parametrize("tables", [small_tables, discrete_tables])
 def test_header_states_the_bytes_that_the_compiler_uses(tables, real, tmp_path):
-    price = cost(tables(), c_tables(tables(), real), real)
-    harness.write_c(tmp_path, tables(), real=real)
-    assert price.table_bytes == harness.table_bytes(tmp_path)
-    program = harness.build(tmp_path, "self", ["small.c", "small_selftest.c"])
-    spoken = subprocess.run([program], capture_output=True, text=True, check=True).stdout
-    assert f"state of {price.state_bytes} bytes" in spoken
-    assert (
-        f"{price.state_bytes} bytes of state, {price.table_bytes} bytes of tables" in (tmp_path / "small.h").read_text()
-    )
+    harness.assert_stated_bytes(tmp_path, tables(), real=real)
 
 
 _TWO_OBSERVERS = """\

@@ -165,13 +165,7 @@ def test_header_states_the_bytes_that_the_compiler_uses_on_line(
     tables: Callable[[], StepTables], tmp_path: Path
 ) -> None:
     price = cost(tables(), c_tables(tables(), "double"), "double")
-    harness.write_c(tmp_path, tables())
-    assert price.table_bytes == harness.table_bytes(tmp_path)
-    program = harness.build(tmp_path, "self", ["small.c", "small_selftest.c"])
-    spoken = subprocess.run([program], capture_output=True, text=True, check=True).stdout
-    assert f"state of {price.state_bytes} bytes" in spoken
-    header = (tmp_path / "small.h").read_text()
-    assert f"{price.state_bytes} bytes of state, {price.table_bytes} bytes of tables" in header
+    header = harness.assert_stated_bytes(tmp_path, tables())
     assert f"{price.memberships} looks into the set of pairs" in header
 
 
