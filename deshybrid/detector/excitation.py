@@ -16,9 +16,9 @@ most when this worst case is.  Its own generator, which a negation does without,
 transient and debounce (`levels`).  The signature comes at the first sample at which the one holds and all others are
 inactive, for as long as the decision asks.  More strength never makes it later.
 
-Assumed: the plant was in p, identified, for at least its dwell time; samples are valid; bounds hold; the transition
-happens at a sample, from which delays count, and there the motion is as strong as stated; u is the motion's.  Of
-decisions by tests (`sprt`, `glr`) nothing is proven.
+Assumed: the plant was in p for at least its dwell time, and named there for as long as an exclusion takes; samples are
+valid; bounds hold; the transition happens at a sample, from which delays count, and there the motion is as strong as
+stated; u is the motion's.  Of decisions by tests (`sprt`, `glr`) nothing is proven.
 Where s = 1 is not enough, or at rest without offsets, nothing is guaranteed.  That a name is true is another matter:
 `decision`.  Signatures of transitions with a discrete output are left out: their event comes first.
 

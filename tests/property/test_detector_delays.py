@@ -118,7 +118,7 @@ def entered_with(system: HybridSystem, excitation: Excitation, strength: float) 
 def run(seed: int, number: int, rng: np.random.Generator) -> Seen | None:
     """A stay in the source, then the motion from the first sample on.
 
-    None where the source was not identified, or a state left its bounds before.
+    None where the source was not named for as long as an exclusion takes, or a state left its bounds before.
     """
     detector, observer, proven = case(seed)
     excitation = proven[number]
@@ -166,12 +166,14 @@ def _delayed(detector: TransitionDetector, rows: list[Row]) -> list[Row]:
 
 
 def _named_after(observer: HybridObserver, rows: list[Row], excitation: Excitation, entry: float) -> float | None:
-    state, first, before = observer.start(), next(k for k, row in enumerate(rows) if k * STEP >= entry - 1e-12), None
+    state, first, named = observer.start(), next(k for k, row in enumerate(rows) if k * STEP >= entry - 1e-12), False
+    assert observer.detector is not None
     for k, (_, u, y) in enumerate(rows):
         state, estimate = observer.step(state, u, y.tolist(), None)
         if k == first - 1:
-            before = estimate.location
-        if k >= first and before != excitation.source:
+            long_ago = state.silence >= observer.detector.decision.exclude_ticks
+            named = estimate.location == excitation.source and long_ago
+        if k >= first and not named:
             return None
         if k >= first and estimate.location == excitation.target:
             return (k - first) * STEP
@@ -196,7 +198,16 @@ def test_no_detection_is_later_than_its_proven_bound() -> None:
 
 
 @pytest.mark.campaign
-def test_no_detection_of_ten_thousand_is_later_than_its_proven_bound_and_bounds_are_near() -> None:
-    seen = runs(range(SYSTEMS), 10_000 // SYSTEMS + 150)
+def test_no_detection_of_ten_thousand_is_late_and_bounds_of_signatures_that_wait_are_near() -> None:
+    """A signature waits where a tenth of its runs take more than half a second; many come at once in every run."""
+    seen = runs(range(SYSTEMS), 10_000 // SYSTEMS + 400)
     assert len(seen) >= 10_000
     assert all(one.late <= one.proven + 1e-9 for _, one in seen)
+    by_signature: dict[tuple[int, str, str], list[Seen]] = {}
+    for seed, one in seen:
+        excitation = case(seed)[2][one.number]
+        by_signature.setdefault((seed, excitation.source, excitation.target), []).append(one)
+    waiting = [ones for ones in by_signature.values() if np.quantile([one.late for one in ones], 0.9) > 0.5]
+    assert waiting
+    for ones in waiting:
+        assert max(one.proven for one in ones) <= 3.0 * max(one.late for one in ones)
