@@ -7,7 +7,7 @@ stays before the observer starts without an error.  What is reached is a lower b
 with the bounds.  Each stay is the shortest and each delay the longest, but for the last ones, of which several lengths
 are tried.
 
-Systems: the driveline with the delay that its detector needs, 0.72 s, and with 0.06 s; random ones of two locations
+Systems: the driveline with 0.72 s, the delay that relays need, and with 0.06 s; random ones of two locations
 that differ by half, with bounds of the state 1.3 times what a random drive of the plant reaches.  Compared state by
 state.
 """
