@@ -1,8 +1,9 @@
 """Random executions of a plant and an observer that learns of every switch late, many at once.
 
-Inputs steer each plant within the bounds of its state and, once a stay has lasted long enough, towards the guard of a
-transition that was drawn; else they, and disturbances and noise always, are bang-bang and turn round at random times.
-A plant that leaves its bounds all the same starts anew; what it did until then counts.
+Inputs steer each plant within the bounds of its state and the invariants and, once a stay has lasted long enough,
+towards the guard of a transition that was drawn; else they, and disturbances and noise always, are bang-bang and turn
+round at random times.
+A plant that leaves them all the same starts anew; what it did until then counts.
 """
 
 from dataclasses import dataclass
@@ -66,7 +67,8 @@ class Fleet:
         joint = np.block([[here.A, np.zeros((self.n, self.n))], [G @ here.C, seen.A - G @ seen.C]])
         plant = np.hstack([here.B, here.E, G * 0, here.f[:, None]])
         observer = np.hstack([seen.B, here.E * 0, G, seen.f[:, None]])
-        return flow_and_integral(joint, np.vstack([plant, observer]), self.grid.width)
+        columns = np.vstack([plant, observer])
+        return (joint, columns) if self.system.time_step else flow_and_integral(joint, columns, self.grid.width)
 
     def _begin(self, run: int) -> None:
         self.both[run], self.passed[run], self.late[run] = 0.0, 0, -1
@@ -86,7 +88,8 @@ class Fleet:
         whole[:, 0] = self._steered(flow, push, whole)
         self.both = np.einsum("bij,bj->bi", flow, self.both) + np.einsum("bij,bj->bi", push, whole)
         self.waited, self.late = self.waited + 1, self.late - 1
-        left = (np.abs(self.both[:, : self.n]) > self.box).any(axis=1)
+        x = self.both[:, : self.n]
+        left = (np.abs(x) > self.box).any(axis=1) | (self._outside(x) > 0)
         for run in np.flatnonzero(left):
             self._begin(run)
         self._switch()
@@ -102,8 +105,18 @@ class Fleet:
             after = x + rest + push[:, : self.n, 0] * share
             outside = np.maximum(np.abs(after) - 0.97 * self.box, 0.0) / np.where(self.box > 0, self.box, 1.0)
             away = np.where(self.waited + 1 >= self.wanted, self._violation(after), 0.0)
-            costs[:, k] = 1e6 * outside.sum(axis=1) + 1e3 * away + np.abs(share - whole[:, 0])
+            kept = outside.sum(axis=1) + self._outside(after)
+            costs[:, k] = 1e6 * kept + 1e3 * away + np.abs(share - whole[:, 0])
         return np.asarray(CHOICES[np.argmin(costs, axis=1)])
+
+    def _outside(self, x: np.ndarray) -> np.ndarray:
+        """How far states (runs, n) are from the invariants of the locations that the plants are in."""
+        found = np.zeros(len(x))
+        for k, name in enumerate(self.names):
+            here = self.plant == k
+            for part in conditions(self.system.location(name).invariant):
+                found[here] += np.maximum(x[here] @ part.state + part.constant, 0.0)
+        return found
 
     def _violation(self, x: np.ndarray) -> np.ndarray:
         """How far states (runs, n) are from the guards of the transitions that were drawn."""
@@ -119,7 +132,8 @@ class Fleet:
         ready = (self.waited >= self.wanted) & (self._violation(self.both[:, : self.n]) <= 0)
         for run in np.flatnonzero(ready):
             x, target = self._jumped(self.arc[run], self.both[run, : self.n])
-            if (np.abs(x) > self.box).any():
+            invariant = conditions(self.system.location(self.names[target]).invariant)
+            if (np.abs(x) > self.box).any() or any(part.state @ x + part.constant > 0 for part in invariant):
                 continue
             self.both[run, : self.n], self.plant[run], self.last[run] = x, target, self.arc[run]
             self.passed[run] += 1

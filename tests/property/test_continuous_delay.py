@@ -1,5 +1,7 @@
 """What a detection delay costs: where the plant is when it switches, and what the wrong observer makes of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -10,7 +12,7 @@ from deshybrid.continuous.gains import ObserverGains, design_gains
 from deshybrid.continuous.mismatch import Delayed, mismatches
 from deshybrid.continuous.plant_sets import plant_sets
 from deshybrid.continuous.ultimate import ultimate_bound
-from deshybrid.linear.sampling import flow_and_integral
+from deshybrid.linear.sampling import flow_and_integral, sample_dynamics
 from deshybrid.model.load import load, loads
 from deshybrid.model.system import HybridSystem, HybridTransition
 from tests.late import Grid, largest_errors
@@ -220,6 +222,20 @@ def test_no_random_execution_of_an_example_leaves_the_bound_with_a_delay(model: 
     largest, bound = executed(model, dwell, grid, (40, 400))
     assert (largest <= bound).all()
     assert (largest > 0.3 * bound).any()
+
+
+def test_in_discrete_time_no_random_execution_leaves_the_bound_with_a_delay() -> None:
+    tank = load("models/two_tank.yaml")
+    places = tuple(
+        replace(place, dynamics=sample_dynamics(dynamics(tank, place.name), 0.05)) for place in tank.locations
+    )
+    system = replace(tank, locations=places, time_step=0.05)
+    gains = design_gains(system, tuple(place.name for place in places))
+    bound = ultimate_bound(system, gains, dwell=3.0, delay=0.2)
+    assert bound.by_state is not None, bound.reason
+    largest = largest_errors(system, gains, Grid(0.05, 60, 4), (40, 400))
+    assert (largest <= bound.by_state).all()
+    assert (largest > 0.3 * bound.by_state).any()
 
 
 @pytest.mark.campaign
