@@ -136,7 +136,8 @@ def interpolated(day: Day, seen: Flags, *, wave: float = 0.0, oldest: int = 0) -
 def draw_cars(rows: int, places: Flags, every: float, seed: int) -> Flags:
     """Return which stations (rows, S) a car reports from: one car every `every` minutes, at one of `places` (S,)."""
     chance = 1.0 - np.exp(-1.0 / (every * places.sum()))
-    return places & (np.random.default_rng(seed).random((rows, len(places))) < chance)
+    cars: Flags = places & (np.random.default_rng(seed).random((rows, len(places))) < chance)
+    return cars
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -212,8 +213,13 @@ def _tuned_filter(day: Day, given: Sequence[Trials], memory: float, evaluations:
         numbers = numbers_of(logarithms)
         return sum(trials.rms(day, filtered(day, trials.seen, numbers)) ** 2 for trials in given)
 
-    options = {"maxfev": evaluations, "xatol": 0.05, "fatol": 0.5}
-    return numbers_of(minimize(loss, np.log([4.0, 20.0, 2.0, 100.0]), method="Nelder-Mead", options=options).x)
+    done = minimize(
+        loss,
+        np.log([4.0, 20.0, 2.0, 100.0]),
+        method="Nelder-Mead",
+        options={"maxfev": evaluations, "xatol": 0.05, "fatol": 0.5},
+    )
+    return numbers_of(done.x)
 
 
 def failed_loop(day: Day, withheld: Flags, every: float | None, *, fails: bool) -> Trials:
@@ -245,7 +251,18 @@ def tables(day: Day, *, evaluations: int = 50) -> str:
     for every in (None, *RATES):
         name = "one failed" if every is None else f"one failed, a car there every {every:g} min"
         broken.append(line(name, [failed_loop(half, withheld, every, fails=True) for half in halves]))
-    return "\n".join([*map(str, tuned), "", *free, "", *broken]) + "\n"
+    return "\n".join([*_numbers(tuned), "", *free, "", *broken]) + "\n"
+
+
+def _numbers(tuned: Sequence[Tuned]) -> list[str]:
+    lines = ["| tuned on | method | wave (km/h) | reach (km) | strength (km/h) | relaxation (min) | oldest (min) |"]
+    lines.append("|---|---|---|---|---|---|---|")
+    for half, found in zip(("first half", "second half"), tuned, strict=True):
+        for method, n in zip(METHODS, found.filters.values(), strict=False):
+            told = " | ".join(f"{value:.4g}" for value in (n.wave, n.reach, n.strength, n.relaxation))
+            lines.append(f"| {half} | {method} | {told} | |")
+        lines.append(f"| {half} | {METHODS[-2]} | {found.wave:g} | | | | {found.oldest} |")
+    return lines
 
 
 def main(arguments: Sequence[str]) -> int:

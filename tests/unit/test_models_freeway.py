@@ -1,4 +1,7 @@
-"""The freeway: its model file, and what filter and interpolation reach at withheld stations of a made day."""
+"""The freeway: its model file, and what filter and interpolation reach on a made day and on a measured one.
+
+The measured day is not part of the project; where it is missing, the test that needs it is skipped.
+"""
 
 import sys
 from pathlib import Path
@@ -11,8 +14,12 @@ from deshybrid.stochastic.from_model import stochastic_system
 from deshybrid.stochastic.sample import sample
 
 ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "measured-traffic.md"
+MEASURED = ROOT.parent / "shared" / "data" / "freeway" / "a9south_1998-10-29_1min.csv"
 sys.path.insert(0, str(ROOT / "models" / "measured"))
 from freeway_day import (  # noqa: E402
+    MEMORY,
+    METHODS,
     Day,
     Numbers,
     Trials,
@@ -134,3 +141,32 @@ def test_the_tables_have_a_line_for_every_rate_and_three_more(made):
     assert text.count("\n| and a car every") == 4
     assert text.count("\n| one failed, a car there every") == 4
     assert "nan" not in text
+
+
+def _printed(beginning: str) -> list[list[str]]:
+    """Cells of the lines of the page that begin so."""
+    lines = PAGE.read_text(encoding="utf-8").splitlines()
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith(beginning)]
+
+
+def _printed_numbers(half: str) -> Tuned:
+    """What the page says was tuned on a half, to four digits."""
+    *filters, (_, _, wave, _, _, _, oldest) = _printed(f"| {half} half |")
+    assert [row[1] for row in filters] == list(METHODS[: len(MEMORY)])
+    numbers = {
+        kind: Numbers(*map(float, row[2:6]), memory=memory)
+        for row, (kind, memory) in zip(filters, MEMORY.items(), strict=True)
+    }
+    return Tuned(numbers, float(wave), int(oldest))
+
+
+@pytest.mark.skipif(not MEASURED.exists(), reason="the measured day is not here")
+@pytest.mark.parametrize(("row", "every"), [("| loops only |", None), ("| and a car every 2 min |", 2.0)])
+def test_the_page_prints_the_errors_that_its_numbers_reach_on_the_other_half_of_the_measured_morning(row, every):
+    day = read_day(MEASURED)
+    withheld, middle = withheld_stations(len(day.position)), len(day.speed) // 2
+    (printed,) = _printed(row)
+    for place, (half, other) in enumerate(((day.rows(0, middle), "second"), (day.rows(middle, 10_000), "first"))):
+        errors = _printed_numbers(other).errors(half, trials_of(half, ~withheld, withheld, withheld, every))
+        told = [float(cell.split(",")[place]) for cell in printed[1:]]
+        np.testing.assert_allclose(errors, told, atol=0.0075)
