@@ -51,7 +51,9 @@ def test_a_clear_turn_is_named_soon_and_predicted_better_than_by_one_filter():
     flight = _flown(200, 80, 140, rate=1.5, noise=5.0, seed=3)
     numbers = {"w": 0.3, "w_turn": 0.5, "v": 5.0}
     several, single = score(flight, system_with(numbers)), score(flight, system_with(numbers, single=True))
-    assert several.false == 0.0 and several.delays[0] is not None and several.delays[0] <= 6
+    assert several.false == 0.0
+    assert several.delays[0] is not None
+    assert several.delays[0] <= 6
     assert several.prediction_in_turns < single.prediction_in_turns
     assert single.delays == (None,)
 
