@@ -201,7 +201,7 @@ class DES(Pictured):
         """Return columns of equal length, one row per transition and output, which pandas takes as they are.
 
         The columns are `source`, `event`, `target`, `output` and `signature`; None is ε, or no signature.  Where
-        commands are known there is a column `commands`, joined by `; `.
+        commands are known there is a column `commands`, joined by semicolons.
 
         >>> des = DES.from_transitions([("1", "a", "2", "α"), ("2", "b", "1", None)])
         >>> table = des.to_table()

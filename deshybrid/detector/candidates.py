@@ -27,7 +27,7 @@ import numpy as np
 
 from deshybrid.des.automaton import DES
 from deshybrid.des.signatures import Candidate
-from deshybrid.detector.pairs import Feasibility, Separation, alternatives, separations, worst_of
+from deshybrid.detector.pairs import Feasibility, PairSeparation, alternatives, separations, worst_of
 from deshybrid.model.abstraction import abstract
 from deshybrid.model.system import CoveringDetector, HybridSystem, HybridTransition, SignatureCandidate
 
@@ -88,7 +88,7 @@ def discrete_candidates(des: DES) -> tuple[FeasibleCandidate, ...]:
 
 
 def signature_candidates(
-    system: HybridSystem, des: DES, pairs: tuple[Separation, ...] | None = None
+    system: HybridSystem, des: DES, pairs: tuple[PairSeparation, ...] | None = None
 ) -> tuple[FeasibleCandidate, ...]:
     """Return the candidate signatures of a model: those it names with their costs, or one per location at cost 1.
 
@@ -124,7 +124,7 @@ class Offers(NamedTuple):
 
     des: DES
     candidates: tuple[FeasibleCandidate, ...]
-    pairs: tuple[Separation, ...]
+    pairs: tuple[PairSeparation, ...]
 
 
 def offers(model: HybridSystem | DES) -> Offers:
@@ -197,7 +197,7 @@ def _unknown(reason: str) -> Callable[[int], TransitionVerdict]:
 class _Physics:
     """Verdicts from the dynamics, by pairs of locations."""
 
-    def __init__(self, system: HybridSystem, des: DES, pairs: tuple[Separation, ...]) -> None:
+    def __init__(self, system: HybridSystem, des: DES, pairs: tuple[PairSeparation, ...]) -> None:
         self.system, self.des = system, des
         self.pairs = {name: pair for pair in pairs for name in ((pair.first, pair.second), (pair.second, pair.first))}
 

@@ -1,6 +1,6 @@
 """Which pairs of locations a detector has to tell apart, whether it can, and how fast.
 
-In: a hybrid system and its DES.  Out: a `Separation` for each pair of locations that the plant may enter, or stay in,
+In: a hybrid system and its DES.  Out: a `PairSeparation` for each pair of locations the plant may enter, or stay in,
 from a common one while the same is seen: a target and its `alternatives`.  Its verdict is that of `linear.distinguish`;
 its numbers are those of `linear.distance`, the smaller of the two directions, over the detection window that the model
 states, else its dwell time, else 100 steps.  A state of length one is as far out as the bounds say; outputs count in
@@ -35,7 +35,7 @@ TAKEN_UP = 1e-3  # of its unit: a state of the rival that moves by less takes up
 
 
 @dataclass(frozen=True, slots=True)
-class Separation:
+class PairSeparation:
     """How two locations are told apart: `forward` whether a plant in `first` shows against `second`, `backward` vice
     versa, each with its reason.
 
@@ -118,8 +118,8 @@ def compared_pairs(des: DES) -> tuple[tuple[str, str], ...]:
     return tuple(sorted(ordered, key=lambda pair: (place[pair[0]], place[pair[1]])))
 
 
-def separations(system: HybridSystem, des: DES) -> tuple[Separation, ...]:
-    """Return a `Separation` for each of the `compared_pairs`; none in a purely discrete model.
+def separations(system: HybridSystem, des: DES) -> tuple[PairSeparation, ...]:
+    """Return a `PairSeparation` for each of the `compared_pairs`; none in a purely discrete model.
 
     >>> from deshybrid.model.abstraction import abstract
     >>> from deshybrid.model.load import load
@@ -130,7 +130,7 @@ def separations(system: HybridSystem, des: DES) -> tuple[Separation, ...]:
     return () if system.is_discrete else tuple(separate(system, *pair) for pair in compared_pairs(des))
 
 
-def separate(system: HybridSystem, first: str, second: str) -> Separation:
+def separate(system: HybridSystem, first: str, second: str) -> PairSeparation:
     """Return how two locations of a system with continuous state are told apart."""
     one, other = system.location(first), system.location(second)
     window, step = detection_window(system), sampling_step(system)
@@ -138,7 +138,7 @@ def separate(system: HybridSystem, first: str, second: str) -> Separation:
     both = _distances(system, one, other, samples, window / samples)
     near = min(both, key=lambda distance: distance.worst)
     verdicts = (_verdict(system, one, other), _verdict(system, other, one))
-    return Separation(
+    return PairSeparation(
         first=first,
         second=second,
         forward=verdicts[0][0],
@@ -225,7 +225,7 @@ def _absorbed(system: HybridSystem, near: Distance) -> str | None:
     return system.state_names[int(np.argmax(moved))]
 
 
-def hardest_line(pairs: Iterable[Separation]) -> str:
+def hardest_line(pairs: Iterable[PairSeparation]) -> str:
     """Return one line on the pairs that are told apart worst as a rule; empty without pairs.
 
     >>> from deshybrid.model.abstraction import abstract
@@ -242,7 +242,7 @@ def hardest_line(pairs: Iterable[Separation]) -> str:
     return f"  hardest to tell apart within {ranked[0].window:g} s: " + ", ".join(told)
 
 
-def confusion_warnings(pairs: Iterable[Separation]) -> tuple[Diagnostic, ...]:
+def confusion_warnings(pairs: Iterable[PairSeparation]) -> tuple[Diagnostic, ...]:
     """Return the warning (DH0611) that some of these pairs may be confused; none where none may be.
 
     >>> from deshybrid.model.abstraction import abstract
@@ -261,7 +261,7 @@ def confusion_warnings(pairs: Iterable[Separation]) -> tuple[Diagnostic, ...]:
     return (diagnostic("DH0611", message, notes=notes, helps=helps, severity="warning"),)
 
 
-def _notes(doubtful: list[Separation]) -> Iterator[str]:
+def _notes(doubtful: list[PairSeparation]) -> Iterator[str]:
     for pair in doubtful[:SHOWN]:
         unit = "times the noise" if pair.noise else "in units of the outputs"
         absorbed = f"; there `{pair.absorbed_by}` of the wrong one takes it up" if pair.absorbed_by else ""
@@ -273,7 +273,7 @@ def _notes(doubtful: list[Separation]) -> Iterator[str]:
 
 __all__ = [
     "Feasibility",
-    "Separation",
+    "PairSeparation",
     "alternatives",
     "compared_pairs",
     "confusion_warnings",

@@ -17,7 +17,7 @@ from deshybrid.model.system import HybridSystem
 if TYPE_CHECKING:
     from deshybrid.des.signatures import SignaturePlan
     from deshybrid.detector.candidates import FeasibleCandidate
-    from deshybrid.detector.pairs import Separation
+    from deshybrid.detector.pairs import PairSeparation
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -31,7 +31,7 @@ class Recovery(Explained):
     check: ObservabilityReport
     candidates: "tuple[FeasibleCandidate, ...]"
     plan: "SignaturePlan"
-    pairs: "tuple[Separation, ...]" = ()
+    pairs: "tuple[PairSeparation, ...]" = ()
 
     def _drawn(self) -> ObservabilityReport:
         return self.plan.report

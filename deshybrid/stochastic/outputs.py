@@ -38,16 +38,9 @@ def output_gaussian(
 ) -> OutputGaussian:
     """Return the Gaussian of the outputs of N rows.
 
-    Parameters
-    ----------
-    measuring : N modes with p outputs each
-        What measures row k.
-    moving : N - 1 modes
-        What leads from row k to row k + 1.
-    x, P : (n,), (n, n)
-        Mean and covariance Π₀ of the state at the first row.
-    u : (N, m), optional
-        The input of every row, held until the next; without it the inputs are zero.
+    `measuring` holds the N modes, with p outputs each, that measure the rows, `moving` the N - 1 modes that lead from a
+    row to the next.  `x` (n,) and `P` (n, n) are mean and covariance Π₀ of the state at the first row; `u` (N, m) is
+    the input of every row, held until the next, zero where it is not given.
 
     >>> walk = Mode("walk", F=[[1.0]], H=[[1.0]], Q=[[1.0]], R=[[0.5]])
     >>> output_gaussian([walk] * 2, [walk], x=[3.0], P=[[2.0]]).covariance.tolist()

@@ -96,9 +96,10 @@ def system_with(values: Mapping[str, float], *, single: bool = False) -> Stochas
 def tune(flight: Flight, kind: str, start: Mapping[str, float], *, engine: Engine = "numpy") -> dict[str, float]:
     """Return the best parameters on a flight; `kind`: `imm` or `straight`; searched from `start`.
 
-    The single filter is tuned for the smallest prediction error.  For the IMM that error, in units of the single
-    filter's at its start, and the share of rows whose turn is wrong are added.  Likelihood was no use here: positions
-    that come late are outliers to every mode, and of greatest likelihood is a "turn" with noise of 400 m/s² for them.
+    The single filter is tuned for the smallest prediction error; only the ratio of its numbers acts on that.  For the
+    IMM that error, in units of the single filter's at its start, and the share of rows whose turn is wrong are added.
+    Likelihood was no use here: positions that come late are outliers to every mode, and of greatest likelihood is a
+    "turn" with noise of 400 m/s² for them.
     """
     names, single = TUNED[kind], kind == "straight"
     unit = score(flight, system_with({name: start[name] for name in TUNED["straight"]}, single=True)).prediction

@@ -7,7 +7,7 @@ from deshybrid import compiler
 from deshybrid.des.automaton import DES
 from deshybrid.des.candidates import Candidate
 from deshybrid.des.signatures import recover_observability
-from deshybrid.detector.pairs import Separation, compared_pairs, confusion_warnings, separations
+from deshybrid.detector.pairs import PairSeparation, compared_pairs, confusion_warnings, separations
 from deshybrid.diagnostics import UsageError
 from deshybrid.model.abstraction import abstract
 from deshybrid.model.load import load, loads
@@ -34,7 +34,7 @@ observer: {step: 1, dwell: 60}
 """
 
 
-def pairs_of(text: str) -> dict[tuple[str, str], Separation]:
+def pairs_of(text: str) -> dict[tuple[str, str], PairSeparation]:
     system = loads(text)
     return {(pair.first, pair.second): pair for pair in separations(system, abstract(system))}
 

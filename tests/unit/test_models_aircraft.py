@@ -58,10 +58,15 @@ def test_a_clear_turn_is_named_soon_and_predicted_better_than_by_one_filter():
     assert single.delays == (None,)
 
 
-def test_tuning_finds_the_noise_that_was_drawn():
+def test_tuning_finds_a_filter_as_good_as_the_one_with_the_noise_that_was_drawn():
     flight = _flown(200, 200, 200, rate=0.0, noise=8.0, seed=5)
-    found = tune(flight, "straight", {"w": 0.05, "v": 20.0})
-    assert 6.0 < found["v"] < 10.0
+    start = {"w": 2.0, "v": 8.0}
+    found = tune(flight, "straight", start)
+    begun, best, true = (
+        score(flight, system_with(numbers, single=True)).prediction for numbers in (start, found, {"w": 1e-3, "v": 8.0})
+    )
+    assert best < 0.9 * begun
+    assert best < 1.01 * true
 
 
 @needs_data
