@@ -12,7 +12,7 @@ slow return to a common level, and a disturbance d that is alike nearby and that
 once: white.  A mode is a set of stations that report.  O(n³) a row and trial, n twice the stations; minutes in all.
 Source: the freeway paper's mode-switched Kalman filter (`docs/measured-traffic.md`).
 
-`python models/measured/freeway_day.py DAY.csv` prints both tables.
+`python models/measured/freeway_day.py DAY.csv` prints the numbers and both tables.
 """
 
 import csv
@@ -196,7 +196,7 @@ def tune(day: Day, withheld: Flags, *, evaluations: int = 50) -> Tuned:
     """Return the numbers of least squared error at withheld stations, without cars and with one every 2 minutes."""
     given = [trials_of(day, ~withheld, withheld, withheld, every) for every in (None, 2.0)]
     filters = {kind: _tuned_filter(day, given, memory, evaluations) for kind, memory in MEMORY.items()}
-    choices = [(wave, oldest) for wave in (10.0, 15.0, 20.0) for oldest in (0, 2, 4, 8)]
+    choices = [(wave, oldest) for wave in (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 20.0) for oldest in (0, 2, 4, 8, 16)]
     tried = [
         sum(t.rms(day, interpolated(day, t.seen, wave=wave, oldest=oldest)) ** 2 for t in given)
         for wave, oldest in choices
@@ -233,7 +233,7 @@ def failed_loop(day: Day, withheld: Flags, every: float | None, *, fails: bool) 
 
 
 def tables(day: Day, *, evaluations: int = 50) -> str:
-    """Return both tables as text; each half of the day is scored with the numbers that were tuned on the other."""
+    """Return numbers and both tables as text; each half of the day is scored with the numbers tuned on the other."""
     withheld, middle = withheld_stations(len(day.position)), len(day.speed) // 2
     halves = (day.rows(0, middle), day.rows(middle, len(day.speed)))
     tuned = tuple(tune(half, withheld, evaluations=evaluations) for half in halves)
@@ -267,6 +267,9 @@ def _numbers(tuned: Sequence[Tuned]) -> list[str]:
 
 def main(arguments: Sequence[str]) -> int:
     """Print the tables of the day in the file that is named."""
+    if len(arguments) != 1:
+        print("usage: freeway_day.py DAY.csv", file=sys.stderr)
+        return 2
     print(tables(read_day(arguments[0])), end="")
     return 0
 

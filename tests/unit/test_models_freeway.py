@@ -29,6 +29,7 @@ from freeway_day import (  # noqa: E402
     filtered,
     freeway_system,
     interpolated,
+    main,
     read_day,
     tables,
     trials_of,
@@ -170,3 +171,8 @@ def test_the_page_prints_the_errors_that_its_numbers_reach_on_the_other_half_of_
         errors = _printed_numbers(other).errors(half, trials_of(half, ~withheld, withheld, withheld, every))
         told = [float(cell.split(",")[place]) for cell in printed[1:]]
         np.testing.assert_allclose(errors, told, atol=0.0075)
+
+
+def test_without_a_file_the_script_says_how_it_is_called(capsys):
+    assert main([]) == 2
+    assert capsys.readouterr().err == "usage: freeway_day.py DAY.csv\n"
