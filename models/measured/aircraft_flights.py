@@ -184,9 +184,15 @@ def score(flight: Flight, system: StochasticSystem, *, engine: Engine = "numpy")
         delays,
         3600.0 * false / len(true),
         float((named == true).mean()),
-        float(np.sqrt(np.nanmean(distance**2))),
-        float(np.sqrt(np.nanmean(distance[true != 0] ** 2))),
+        _rms(distance),
+        _rms(distance[true != 0]),
     )
+
+
+def _rms(values: Array) -> float:
+    """Root mean square of the values that are there, NaN without any."""
+    there = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(there**2))) if there.size else float("nan")
 
 
 def main(paths: Sequence[str]) -> int:
