@@ -32,7 +32,7 @@ from deshybrid.stochastic.record import Engine, Estimates, estimate
 from deshybrid.stochastic.system import ModeTransition, StochasticSystem
 
 MODEL = Path(__file__).with_name("aircraft.yaml")
-TUNED = {"imm": ("rate", "w", "w_turn", "v", "leave", "end"), "straight": ("w", "v")}
+TUNED = {"imm": ("rate", "w", "w_turn", "v", "leave", "end"), "straight": ("w",)}
 BEGIN, END = 0.5, 0.25  # deg/s
 APART = 10  # rows: a named turn that is farther from every true one is false
 
@@ -96,16 +96,19 @@ def system_with(values: Mapping[str, float], *, single: bool = False) -> Stochas
 def tune(flight: Flight, kind: str, start: Mapping[str, float], *, engine: Engine = "numpy") -> dict[str, float]:
     """Return the best parameters on a flight; `kind`: `imm` or `straight`; searched from `start`.
 
-    The single filter is tuned for the smallest prediction error; only the ratio of its numbers acts on that.  For the
-    IMM that error, in units of the single filter's at its start, and the share of rows whose turn is wrong are added.
+    The single filter is tuned for the smallest prediction error, on which only w/v acts, so v stays.  For the IMM
+    that error, in units of the single filter's at its start, and the share of rows whose turn is wrong are added.
     Likelihood was no use here: positions that come late are outliers to every mode, and of greatest likelihood is a
     "turn" with noise of 400 m/s² for them.
     """
     names, single = TUNED[kind], kind == "straight"
-    unit = score(flight, system_with({name: start[name] for name in TUNED["straight"]}, single=True)).prediction
+    unit = score(flight, system_with({"w": start["w"], "v": start["v"]}, single=True)).prediction
+
+    def tuned(logarithms: Array) -> dict[str, float]:
+        return {"v": start["v"], **dict(zip(names, np.exp(logarithms).tolist(), strict=True))}
 
     def loss(logarithms: Array) -> float:
-        values = dict(zip(names, np.exp(logarithms).tolist(), strict=True))
+        values = tuned(logarithms)
         if values.get("leave", 0.0) >= 1.0 or values.get("end", 0.0) >= 1.0:
             return np.inf
         reached = score(flight, system_with(values, single=single), engine=engine)
@@ -115,7 +118,7 @@ def tune(flight: Flight, kind: str, start: Mapping[str, float], *, engine: Engin
     simplex = np.vstack((begin, begin + 0.7 * np.eye(len(names))))  # each number doubled in turn
     limits = {"maxfev": 60 * len(names), "xatol": 0.02, "fatol": 1e-4, "initial_simplex": simplex}
     done = minimize(loss, begin, method="Nelder-Mead", options=limits)
-    return dict(zip(names, np.exp(done.x).tolist(), strict=True))
+    return tuned(done.x)
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,7 +59,7 @@ def test_a_clear_turn_is_named_soon_and_predicted_better_than_by_one_filter():
 
 
 def test_tuning_finds_a_filter_as_good_as_the_one_with_the_noise_that_was_drawn():
-    flight = _flown(200, 200, 200, rate=0.0, noise=8.0, seed=5)
+    flight = _flown(120, 120, 120, rate=0.0, noise=8.0, seed=5)
     start = {"w": 2.0, "v": 8.0}
     found = tune(flight, "straight", start)
     begun, best, true = (
