@@ -186,8 +186,8 @@ def test_no_step_looks_into_the_set_more_often_than_the_header_says(case: str, t
     done = subprocess.run([program, "in", "out"], cwd=tmp_path, capture_output=True, text=True, check=True)
     stated = cost(tables, c_tables(tables, "double"), "double").memberships
     assert 0 < int(done.stdout) <= stated
-    # The bound is for all pairs due at once; the random plan of "late signatures" comes to an eleventh of that only.
-    assert case == "late signatures" or stated <= 8 * int(done.stdout)
+    # The bound is for all pairs due at once: where signatures come late, random samples reach 1/9 or 1/11 of it only.
+    assert "late signatures" in case or stated <= 8 * int(done.stdout)
 
 
 def test_a_thousand_locations_take_a_small_part_of_the_bytes_of_a_table() -> None:
