@@ -8,6 +8,7 @@ import importlib.util
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -30,8 +31,10 @@ class GeneratedObserver:
     def start(self) -> Any:
         return self.module.Observer()
 
-    def step(self, state: Any, input: Any, output: Any, event: str | None) -> tuple[Any, Any]:
-        estimate = state.step(input, output, event)
+    def step(
+        self, state: Any, input: Any, output: Any, event: str | None, command: Sequence[str | None] = ()
+    ) -> tuple[Any, Any]:
+        estimate = state.step(input, output, event, tuple(command))
         return state, SimpleNamespace(**estimate._asdict(), state=estimate.x)
 
 
