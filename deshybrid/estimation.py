@@ -2,7 +2,8 @@
 
 The columns `true_location` and `true_<state>` of a trace are read for the score only; `skf` alone, whose mode is known
 by definition, takes it from `true_location`.  A model in continuous time is sampled at the mean distance of the
-trace's rows, which must be equally spaced.
+trace's rows.  Rows are equally spaced, or some are missing: a gap of several steps is predicted over, step by step, as
+if its rows were there without a measurement; the inputs and the known location of the row before are held.
 
 One step a row.  Source: Hwang et al. (2006), section 3.
 """
@@ -14,10 +15,13 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deshybrid.compiler import Source, to_hybrid
 from deshybrid.diagnostics import Diagnostic, TraceError, UsageError, diagnostic
+from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.system import HybridSystem, ObserverOptions
+from deshybrid.simulate.spacing import mean_step, places
 from deshybrid.simulate.table import decode, read_bytes
 from deshybrid.simulate.trace import Trace, parse_trace, quoted, shortest
 from deshybrid.stochastic.from_model import require_stochastic, stochastic_system
@@ -39,6 +43,7 @@ class Estimation:
     estimates: Estimates
     gate: float | None = None
     lag: int = 0
+    gaps: tuple[int, ...] = ()  # how many rows are missing in each gap
 
     @cached_property
     def location(self) -> tuple[str, ...]:
@@ -109,6 +114,7 @@ class Estimation:
             "name": self.trace.system.name,
             "method": self.method,
             "rows": len(self.trace),
+            "missing_rows": sum(self.gaps),
             "log_likelihood": self.log_likelihood,
             "nis": nis,
             "lag": self.lag,
@@ -120,6 +126,8 @@ class Estimation:
     def __str__(self) -> str:
         consistency = self.consistency
         lines = [f"log-likelihood: {self.log_likelihood:.6f} over {len(self.trace)} rows ({self.method})"]
+        if self.gaps:
+            lines.append(f"missing: {sum(self.gaps)} rows in {len(self.gaps)} gaps, predicted only")
         if self.lag:
             lines.append(f"smoothed: each row with {self.lag} rows after it")
         if consistency.freedom:
@@ -191,12 +199,16 @@ def estimate_trace(
     name, data = read_bytes(trace)
     samples, step = _read_trace(decode(name, data), model, name)
     system = stochastic_system(model, step=step)
-    z, u = samples.outputs, samples.inputs
+    at = np.arange(len(samples)) if step is None else places(samples.time, step)
+    z, u, before = _every_step(samples, at)
     if method == "skf":
-        return Estimation(samples, system, method, estimate_known(system, z, _known(samples), u, gate=gate), gate)
-    if method == "imm" and lag:
-        return Estimation(samples, system, method, smooth(system, z, u, lag=lag, gate=gate), gate, lag)
-    return Estimation(samples, system, method, estimate(system, z, u, method=method, gate=gate), gate)
+        made = estimate_known(system, z, np.array(_known(samples))[before], u, gate=gate)
+    elif method == "imm" and lag:
+        made = smooth(system, z, u, lag=lag, gate=gate)
+    else:
+        made = estimate(system, z, u, method=method, gate=gate)
+    gaps = tuple(gap - 1 for gap in np.diff(at).tolist() if gap > 1)
+    return Estimation(samples, system, method, made.rows(at), gate, lag, gaps)
 
 
 def plot(made: Estimation) -> bytes:
@@ -232,12 +244,21 @@ def plot(made: Estimation) -> bytes:
 def _read_trace(text: str, model: HybridSystem, name: str) -> tuple[Trace, float | None]:
     """The trace and its step: that of the model in discrete time, else the mean distance of its rows."""
     if model.time_step is not None:
-        return parse_trace(text, model, step=model.time_step, name=name), model.time_step
+        return parse_trace(text, model, step=model.time_step, name=name, missing_rows=True), model.time_step
     samples = parse_trace(text, replace(model, observer=ObserverOptions()), name=name)
     if len(samples) < 2:
         return samples, None
-    step = float(samples.time[-1] - samples.time[0]) / (len(samples) - 1)
-    return parse_trace(text, model, step=step, name=name), step
+    step = mean_step(samples.time)
+    return parse_trace(text, model, step=step, name=name, missing_rows=True), step
+
+
+def _every_step(samples: Trace, at: NDArray[np.intp]) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:
+    """Measurements and inputs of every step, and which row of the trace is the last one then."""
+    steps = np.arange(int(at[-1]) + 1)
+    before = np.searchsorted(at, steps, side="right") - 1
+    z = np.full((len(steps), samples.outputs.shape[1]), np.nan)
+    z[at] = samples.outputs
+    return z, samples.inputs[before], before
 
 
 def _known(samples: Trace) -> list[int]:

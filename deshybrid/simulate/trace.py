@@ -4,9 +4,8 @@ In: a CSV text with the header `time`, the model's inputs, outputs and commands,
 `true_<state>`.  Out: a `Trace`, or every mistake of the file with line and column.  A purely discrete model has `time`,
 commands and `event` only, at any increasing times.
 
-Measured logs jitter and their clocks drift.  A row counts as equally spaced when it follows the row before by 0.2 to
-1.8 steps (each of the two within 40 % of a step of its place), and when the rows come, on average, within 1 % of the
-step.  A missing row is thus an error, a jittering logger is not.
+A missing row is an error, unless a reader asks for what the filters take; a jittering logger is none
+(`deshybrid.simulate.spacing`).
 
 One pass.  Source: the trace format of the commands `run` and `simulate`.
 """
@@ -20,13 +19,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deshybrid.diagnostics import Diagnostic, Span, TraceError, diagnostic, raise_all
+from deshybrid.diagnostics import Diagnostic, TraceError, diagnostic, raise_all
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.system import HybridSystem
+from deshybrid.simulate.spacing import misplaced
 from deshybrid.simulate.table import Row, Table, decode, number, number_mistake, parse_table, read_bytes
 
-JITTER = 0.4  # of a step, by which one row may be away from its place
-DRIFT = 0.01  # by which the average step may differ from the observer's
 _MOST_MESSAGES = 20
 
 
@@ -111,8 +109,10 @@ def read_trace(path: str | Path, system: HybridSystem, *, step: float | None = N
     return parse_trace(decode(name, data), system, step=step, name=name)
 
 
-def parse_trace(text: str, system: HybridSystem, *, step: float | None = None, name: str = "<text>") -> Trace:
-    """Return the trace in a CSV text; as `read_trace`.
+def parse_trace(
+    text: str, system: HybridSystem, *, step: float | None = None, name: str = "<text>", missing_rows: bool = False
+) -> Trace:
+    """Return the trace in a CSV text; as `read_trace`.  With `missing_rows` a gap may stand for whole rows.
 
     An event that the model does not know is no mistake of the file: the observer answers it with `inconsistent`.
 
@@ -129,7 +129,7 @@ def parse_trace(text: str, system: HybridSystem, *, step: float | None = None, n
     raise_all(_limited([*_width_mistakes(table), *_field_mistakes(table, columns, rows, system)]), TraceError)
     trace = _assemble(columns, rows, system)
     spacing = None if system.is_discrete else step or system.observer.step or system.time_step
-    raise_all(_time_mistakes(table, columns["time"], trace.time, spacing), TraceError)
+    raise_all(_time_mistakes(table, columns["time"], trace.time, spacing, missing_rows), TraceError)
     return trace
 
 
@@ -318,29 +318,19 @@ def _value(row: Row, place: int | None) -> float:
     return float(text) if text else math.nan
 
 
-def _time_mistakes(table: Table, column: int, time: FloatArray, step: float | None) -> list[Diagnostic]:
-    """The first row out of place; those behind it would be out of place for the same reason."""
-    gaps = np.diff(time)
-    backward = np.flatnonzero(gaps <= 0.0)
+def _time_mistakes(
+    table: Table, column: int, time: FloatArray, step: float | None, missing_rows: bool
+) -> list[Diagnostic]:
+    """The first row out of place."""
+    backward = np.flatnonzero(np.diff(time) <= 0.0)
     if backward.size:
         index = int(backward[0]) + 1
         text = f"time does not increase: {time[index]:g} s follows {time[index - 1]:g} s"
         place = table.span(table.rows[index], column)
         return [diagnostic("DH0321", text, place, "each row must be later than the one before")]
-    if step is None or not gaps.size:
+    wrong = None if step is None else misplaced(time, step, missing_rows=missing_rows)
+    if wrong is None:
         return []
-    uneven = np.flatnonzero(np.abs(gaps / step - 1.0) > 2.0 * JITTER)
-    if uneven.size:
-        index = int(uneven[0]) + 1
-        text = f"the rows are not equally spaced: {gaps[index - 1]:.6g} s after the row before, expected {step:g} s"
-        return [_uneven(table.span(table.rows[index], column), text)]
-    mean = float(time[-1] - time[0]) / len(gaps)
-    if abs(mean / step - 1.0) > DRIFT + 2.0 * JITTER / len(gaps):
-        text = f"the rows come every {mean:.6g} s on average, expected {step:g} s"
-        return [_uneven(table.span(table.rows[-1], column), text)]
-    return []
-
-
-def _uneven(place: Span, text: str) -> Diagnostic:
     helps = ("resample the trace, or state its step: in the model, or to `run` by `--step`",)
-    return diagnostic("DH0322", text, place, "out of place by more than jitter", helps=helps)
+    place = table.span(table.rows[wrong.row], column)
+    return [diagnostic("DH0322", wrong.text, place, "out of place by more than jitter", helps=helps)]

@@ -64,6 +64,23 @@ class Estimates:
         best: ModeNumbers = self.mu.argmax(axis=-1)
         return best
 
+    def rows(self, numbers: ModeNumbers) -> "Estimates":
+        """Return the estimates of some rows, by number.
+
+        >>> from deshybrid.stochastic.examples import calm_and_wild
+        >>> estimate(calm_and_wild(), [[0.1], [np.nan], [9.0]]).rows(np.array([0, 2])).x.shape
+        (2, 1)
+        """
+        return Estimates(
+            self.x[..., numbers, :],
+            self.P[..., numbers, :, :],
+            self.mu[..., numbers, :],
+            self.log_likelihood[..., numbers],
+            self.nis[..., numbers],
+            self.channels[..., numbers],
+            self.gated[..., numbers],
+        )
+
 
 def estimate(
     system: StochasticSystem,

@@ -205,7 +205,7 @@ def test_a_model_in_continuous_time_is_that_of_its_sampled_numbers(tmp_path):
 def test_rows_that_are_not_equally_spaced_are_refused_in_continuous_time(tmp_path):
     text = WALK.replace("time: {step: 1}\n", "").replace("A: [[1]]", "A: [[0]]")
     with pytest.raises(TraceError) as caught:
-        estimate_trace(loads(text), trace(tmp_path, "time,y\n0,1\n0.5,2\n1,2\n9,2\n"))
+        estimate_trace(loads(text), trace(tmp_path, "time,y\n0,1\n0.5,2\n1,2\n9.25,2\n"))
     assert codes(caught) == ["DH0322"]
 
 
