@@ -25,6 +25,7 @@ from deshybrid.simulate.spacing import mean_step, places
 from deshybrid.simulate.table import decode, read_bytes
 from deshybrid.simulate.trace import Trace, parse_trace, quoted, shortest
 from deshybrid.stochastic.from_model import require_stochastic, stochastic_system
+from deshybrid.stochastic.gating import PATIENCE
 from deshybrid.stochastic.record import Estimates, estimate, estimate_known
 from deshybrid.stochastic.score import Consistency, Switch, nees, switches
 from deshybrid.stochastic.smoothing import smooth
@@ -120,6 +121,7 @@ class Estimation:
             "lag": self.lag,
             "gate": self.gate,
             "outliers": (np.flatnonzero(self.estimates.gated) + 1).tolist(),
+            "readmitted": (np.flatnonzero(self.estimates.readmitted) + 1).tolist(),
             "score": self.truth.record(),
         }
 
@@ -136,7 +138,10 @@ class Estimation:
             where = "within" if consistency.holds else "outside"
             lines.append(f"NIS: {mean:.3f} a measured number, {where} the 95 % band {low:.3f} to {high:.3f}")
         if self.gate is not None:
-            lines.append(f"outliers: {int(self.estimates.gated.sum())} rows beyond the gate of {self.gate:g}, left out")
+            taken = int(self.estimates.readmitted.sum())
+            back = f"; {taken} more taken, as {PATIENCE} in a row had been left out" if taken else ""
+            out = int(self.estimates.gated.sum())
+            lines.append(f"outliers: {out} rows beyond the gate of {self.gate:g}, left out{back}")
         return "\n".join([*lines, *self.truth.lines(len(self.system.x))])
 
 
@@ -183,8 +188,8 @@ def estimate_trace(
 ) -> Estimation:
     """Return the estimates of a stochastic model (a path or a system) on a trace (a path, or - for standard input).
 
-    A row that no location expects with the probability `gate` counts as missing.  With a `lag`, which `imm` alone has,
-    an estimate uses so many rows after its own.
+    A row that no location expects with the probability `gate` counts as missing, up to 5 in a row.  With a `lag`, which
+    `imm` alone has, an estimate uses so many rows after its own.
 
     Raises `ModelError` (DH1101), `UsageError` (DH0306, DH1103, DH1105, DH1108, DH1111, DH1112) and `TraceError`
     (DH0310 to DH0324; DH1106 where `skf` is not told the location of a row).

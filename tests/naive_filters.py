@@ -188,3 +188,39 @@ def smoothed(system: StochasticSystem, beliefs, u, k, lag):
         new_x.append(mean)
         new_P.append(spread)
     return np.array(new_mu), new_x, new_P
+
+
+def skipping_imm(system: StochasticSystem, z, u, *, limit=np.inf, patience=0):
+    """x, P, mu, log-likelihood of each row, and what became of it: 0 taken, 1 left out, 2 taken although beyond.
+
+    A row of z that is None is predicted and nothing else; so is one whose squared distance from what every mode expects
+    is above `limit`, until `patience` in a row were: then all are taken until as many in a row are not above it.
+    """
+    Pi, modes = system.chain.probability_to_from, range(len(system.modes))
+    mu, xs, Ps = system.mu, [system.x for _ in modes], [system.P for _ in modes]
+    found, out, inside, is_open = [], 0, 0, False
+    for k, row in enumerate(z):
+        predicted = Pi @ mu
+        mixed = [combined(Pi[j] * mu / predicted[j], xs, Ps) for j in modes]
+        moved = [kalman_predict(system.modes[j], *mixed[j], u[max(k - 1, 0)]) for j in modes]
+        fate = 0
+        if row is not None:
+            beyond = min(squared_distance(system.modes[j], *moved[j], row, u[k]) for j in modes) > limit
+            fate = 0 if not beyond else 2 if is_open else 1
+            out, inside = (out + 1, 0) if beyond else (0, inside + 1)
+            is_open = inside < patience if is_open else out == patience
+        mu, likelihood = predicted, 1.0
+        if row is not None and fate != 1:
+            done = [kalman_update(system.modes[j], *moved[j], row, u[k]) for j in modes]
+            joint = predicted * [one[2] for one in done]
+            moved, likelihood = [one[:2] for one in done], joint.sum()
+            mu = joint / likelihood
+        xs, Ps = [x for x, _ in moved], [P for _, P in moved]
+        found.append((*combined(mu, xs, Ps), mu, np.log(likelihood), fate))
+    return [np.array(column) for column in zip(*found, strict=True)]
+
+
+def squared_distance(mode: Mode, x, P, z, u):
+    """How far z is from what a mode expects, squared, in units of its covariance."""
+    residual = z - mode.H @ x - mode.D @ u - mode.g
+    return residual @ np.linalg.inv(mode.H @ P @ mode.H.T + mode.R) @ residual

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deshybrid.linear.arrays import FloatArray
-from deshybrid.stochastic.gating import Flags
+from deshybrid.stochastic.gating import Judgement
 from deshybrid.stochastic.gaussian import squared_norm
 from deshybrid.stochastic.lanes import product, times, trials_last
 from deshybrid.stochastic.system import StochasticSystem
@@ -140,7 +140,7 @@ class Posterior:
 
     `log_likelihood` (...) is that of the predicted mixture; `predicted_mu` (..., M), residual (..., M, p) and
     S (..., M, p, p) are those of each mode before the measurement, a missing channel with residual 0 and variance 1.
-    `gated` (...) is true where the measurement was an outlier, and taken for missing.
+    `judgement` says where the measurement was an outlier and taken for missing, and holds the gate of the next row.
     """
 
     belief: Belief
@@ -148,7 +148,7 @@ class Posterior:
     predicted_mu: FloatArray
     residual: FloatArray
     S: FloatArray
-    gated: Flags
+    judgement: Judgement
 
     @property
     def nis(self) -> FloatArray:

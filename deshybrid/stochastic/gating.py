@@ -1,11 +1,20 @@
 """Gating: a row of measurements that no mode can explain is taken for an outlier, and counts as missing.
 
-In: squared distances of a row from what every mode expects.  Out: whether it is an outlier.  A measurement of a matched
-mode lies within the limit with the gate's probability, so that a gate of 0.9999 throws away one good row in 10,000.  A
-gate hides a model that does not fit: the rows it took are counted and told.
+In: squared distances of a row from what every mode expects, and how many outliers came before it.  Out: whether the row
+is left out.  A measurement of a matched mode lies within the limit with the gate's probability, so that a gate of
+0.9999 throws away one good row in 10,000.  A gate hides a model that does not fit: the rows it took are counted and
+told.
 
-O(M) a row and trial.  Source: Bar-Shalom, Li and Kirubarajan (2001), section 5.4 (validation regions).
+The way back: a filter that has lost its track would call every row an outlier for ever.  After `PATIENCE` outliers in a
+row it is the filter that counts as wrong: the gate is open, and every row taken, until as many rows in a row lie within
+it.  (One row is not enough: an estimate that swings back crosses the measurements.)  So never more than `PATIENCE` rows
+in a row are left out, and a filter returns as one without a gate does.
+
+O(M) a row and trial.  Source: Bar-Shalom, Li and Kirubarajan (2001), section 5.4 (validation regions); the way back is
+that of a track that is dropped after some misses, without forgetting it.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +23,68 @@ from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray
 
 Flags = NDArray[np.bool_]
+Counts = NDArray[np.intp]
+
+PATIENCE = 5
+"""After so many outliers in a row the gate opens, and after so many rows within it closes again."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gate:
+    """The limits of the squared distance by number of measured outputs (p + 1,), and what came before, `count` (...).
+
+    Below `PATIENCE` the count is that of outliers in a row; above, the gate is open and the rest are rows within it.
+    """
+
+    limits: FloatArray
+    count: Counts
+
+    @classmethod
+    def of(cls, outputs: int, probability: float, trials: tuple[int, ...] = ()) -> "Gate":
+        """Return the gate before the first row, of `trials` (any leading axes) at once.
+
+        Raises `UsageError` (DH1111) where the probability is not between 0 and 1.
+
+        >>> Gate.of(2, 0.99).limits.round(2).tolist()
+        [inf, 6.63, 9.21]
+        """
+        return cls(gate_limits(outputs, probability), np.zeros(trials, dtype=np.intp))
+
+    def judge(self, distance: FloatArray, log_mu: FloatArray, z: FloatArray) -> "Judgement":
+        """Return what becomes of a row z (..., p); distance and predicted log_mu (..., M).
+
+        >>> gate = Gate.of(1, 0.99)
+        >>> for _ in range(7):
+        ...     found = gate.judge(np.array([9.0, 50.0]), np.log([0.5, 0.5]), np.array([1.0]))
+        ...     print(found.gated, found.readmitted, end=" ")
+        ...     gate = found.gate
+        True False True False True False True False True False False True False True
+        """
+        measured = (~np.isnan(z)).sum(axis=-1)
+        beyond = ((distance > self.limits[measured][..., None]) | np.isneginf(log_mu)).all(axis=-1)
+        is_open = self.count >= PATIENCE
+        counted = np.where(is_open == beyond, np.where(is_open, PATIENCE, 0), (self.count + 1) % (2 * PATIENCE))
+        count = np.where(measured == 0, self.count, counted)
+        return Judgement(beyond & ~is_open, beyond & is_open, Gate(self.limits, count))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgement:
+    """Which rows (...) were left out, which were taken although they lie beyond the gate, and the gate of the next."""
+
+    gated: Flags
+    readmitted: Flags
+    gate: Gate | None
+
+    @classmethod
+    def none(cls, trials: tuple[int, ...]) -> "Judgement":
+        """Return that of a filter without a gate.
+
+        >>> Judgement.none(()).gated.tolist()
+        False
+        """
+        nothing = np.zeros(trials, dtype=np.bool_)
+        return cls(nothing, nothing, None)
 
 
 def gate_limits(outputs: int, probability: float) -> FloatArray:
@@ -34,15 +105,4 @@ def gate_limits(outputs: int, probability: float) -> FloatArray:
     return np.array([np.inf, *(float(chi2.ppf(probability, freedom)) for freedom in range(1, outputs + 1))])
 
 
-def outliers(distance: FloatArray, log_mu: FloatArray, z: FloatArray, limits: FloatArray) -> Flags:
-    """Return which rows (...) lie beyond the limit of every possible mode; distance and predicted log_mu (..., M).
-
-    >>> outliers(np.array([9.0, 50.0]), np.log([0.5, 0.5]), np.array([1.0]), gate_limits(1, 0.99)).tolist()
-    True
-    """
-    limit = limits[(~np.isnan(z)).sum(axis=-1)]
-    beyond: Flags = ((distance > limit[..., None]) | np.isneginf(log_mu)).all(axis=-1)
-    return beyond
-
-
-__all__ = ["Flags", "gate_limits", "outliers"]
+__all__ = ["PATIENCE", "Counts", "Flags", "Gate", "Judgement", "gate_limits"]

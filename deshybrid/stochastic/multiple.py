@@ -17,7 +17,7 @@ import numpy as np
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import gaussian
 from deshybrid.stochastic.belief import Belief, Posterior, log_probability, log_sum, mixture_covariance, sealed
-from deshybrid.stochastic.gating import Flags, outliers
+from deshybrid.stochastic.gating import Gate, Judgement
 from deshybrid.stochastic.gaussian import Correction
 from deshybrid.stochastic.lanes import product, times, trials_last
 from deshybrid.stochastic.system import Bank, StochasticSystem
@@ -72,27 +72,27 @@ def update(
     z: FloatArray,
     u: FloatArray | None = None,
     *,
-    limits: FloatArray | None = None,
+    gate: Gate | None = None,
 ) -> Posterior:
     """Return the belief after the measurement z (..., p), NaN where a channel is missing; u (..., m) acts through D.
 
-    Without any measurement the belief stays as predicted and the log-likelihood is 0; with `limits`, those of
-    `gate_limits`, so it is for an outlier.
+    Without any measurement the belief stays as predicted and the log-likelihood is 0; with a gate so it is for an
+    outlier, and the gate of the next row is `judgement.gate` of the posterior.
 
     >>> from deshybrid.stochastic.examples import calm_and_wild
     >>> system = calm_and_wild()
     >>> update(system, predict_imm(system, Belief.prior(system)), np.array([30.0])).belief.mu.round(6).tolist()
     [0.0, 1.0]
     """
-    correction, gated = correct(system.comparable_bank, belief, z, u, limits)
+    correction, judgement = correct(system.comparable_bank, belief, z, u, gate)
     log_mu, log_likelihood = weighed(belief.log_mu, correction.log_likelihood)
     posterior = Belief(sealed(correction.x), sealed(correction.P), sealed(log_mu))
-    return Posterior(posterior, log_likelihood, belief.mu, correction.residual, correction.S, gated)
+    return Posterior(posterior, log_likelihood, belief.mu, correction.residual, correction.S, judgement)
 
 
 def correct(
-    bank: Bank, belief: Belief, z: FloatArray, u: FloatArray | None, limits: FloatArray | None = None
-) -> tuple[Correction, Flags]:
+    bank: Bank, belief: Belief, z: FloatArray, u: FloatArray | None, gate: Gate | None = None
+) -> tuple[Correction, Judgement]:
     """Return the Kalman update of every mode, and where z was an outlier and counted as missing.
 
     >>> from deshybrid.stochastic.examples import calm_and_wild
@@ -102,13 +102,13 @@ def correct(
     measured = np.where(bank.measured, trials_last(z, 1)[..., None, :], np.nan)
     residual = measured - expected(bank, belief.x, u)
     correction = gaussian.update(belief.x, belief.P, residual, bank.H, bank.R)
-    if limits is None:
-        return correction, np.zeros(z.shape[:-1], dtype=np.bool_)
-    gated = outliers(correction.distance, belief.log_mu, measured[..., 0, :], limits)
-    if gated.any():
-        residual = np.where(gated[..., None, None], np.nan, residual)
+    if gate is None:
+        return correction, Judgement.none(z.shape[:-1])
+    judgement = gate.judge(correction.distance, belief.log_mu, measured[..., 0, :])
+    if judgement.gated.any():
+        residual = np.where(judgement.gated[..., None, None], np.nan, residual)
         correction = gaussian.update(belief.x, belief.P, residual, bank.H, bank.R)
-    return correction, gated
+    return correction, judgement
 
 
 def expected(bank: Bank, x: FloatArray, u: FloatArray | None) -> FloatArray:

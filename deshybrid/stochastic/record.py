@@ -20,7 +20,7 @@ from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import gaussian, multiple, switching
 from deshybrid.stochastic.belief import Belief, Posterior, log_probability, read_only, sealed, squared_residual
-from deshybrid.stochastic.gating import Flags, gate_limits
+from deshybrid.stochastic.gating import Flags, Gate, Judgement
 from deshybrid.stochastic.lanes import behind, in_front, trials_last
 from deshybrid.stochastic.residual_mean import ResidualBelief, predict_rmimm, update_rmimm
 from deshybrid.stochastic.roots import RootBelief, predict_roots, update_roots
@@ -28,7 +28,8 @@ from deshybrid.stochastic.switching import ModeNumbers
 from deshybrid.stochastic.system import StochasticSystem
 
 State = TypeVar("State")
-Step: TypeAlias = Callable[[State, FloatArray, FloatArray | None, FloatArray | None], tuple[State, Posterior]]
+Inputs: TypeAlias = tuple[FloatArray | None, FloatArray | None]  # of the step that leads to a row, and of the row
+Step: TypeAlias = Callable[[State, FloatArray, Inputs, Gate | None], tuple[State, Posterior]]
 UnknownModeMethod: TypeAlias = Literal["mmae", "imm", "rmimm"]
 Engine: TypeAlias = Literal["numpy", "numba", "roots"]
 _PREDICT: dict[str, Callable[[StochasticSystem, Belief, FloatArray | None], Belief]] = {
@@ -43,7 +44,8 @@ class Estimates:
 
     x and P are mean and covariance of the mixture given all rows up to this one; `log_likelihood` is that of the row's
     measurement given the rows before, `nis` its squared residual in units of its covariance, `channels` how many
-    outputs were used, and `gated` whether the row was an outlier.
+    outputs were used; `gated` tells whether the row was an outlier and left out, `readmitted` whether it lay beyond the
+    gate and was taken, because the gate was open after `PATIENCE` outliers in a row.
     """
 
     x: FloatArray
@@ -53,9 +55,10 @@ class Estimates:
     nis: FloatArray
     channels: FloatArray
     gated: Flags
+    readmitted: Flags
 
     def __post_init__(self) -> None:
-        for name in ("x", "P", "mu", "log_likelihood", "nis", "channels", "gated"):
+        for name in ("x", "P", "mu", "log_likelihood", "nis", "channels", "gated", "readmitted"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
@@ -79,6 +82,7 @@ class Estimates:
             self.nis[..., numbers],
             self.channels[..., numbers],
             self.gated[..., numbers],
+            self.readmitted[..., numbers],
         )
 
 
@@ -93,7 +97,8 @@ def estimate(
 ) -> Estimates:
     """Return the estimates of a multiple-model filter; z (..., N, p), u (..., N, m).
 
-    A row that no mode expects with the probability `gate` is an outlier and counts as missing.  The engine `numba`
+    A row that no mode expects with the probability `gate` is an outlier and counts as missing, unless the filter itself
+    seems to be lost (`deshybrid.stochastic.gating`).  The engine `numba`
     (extra `numba`; `imm` and `mmae` without a gate) compiles for seconds when it is first used, and is several times as
     fast for many trials or rows; results are those of `numpy` up to rounding.  The engine `roots` (`imm` only) works on
     square roots of covariances, for those that spread over more than eight digits.
@@ -109,12 +114,12 @@ def estimate(
     measured, inputs = _records(system, z, u)
     trials = measured.shape[:-2]
     seen = ~np.isnan(measured) & system.comparable_bank.measured[0]
-    limits = None if gate is None else gate_limits(measured.shape[-1], gate)
+    opening = None if gate is None else Gate.of(measured.shape[-1], gate, trials)
     if engine == "roots":
         if method != "imm":
             raise UsageError(diagnostic("DH1109", "the engine `roots` runs `imm` only"))
         rows = _rows(measured, inputs)
-        return _stacked(_run(RootBelief.prior(system, trials), _root_step(system, limits), rows), seen)
+        return _stacked(_run(RootBelief.prior(system, trials), _root_step(system), rows, opening), seen)
     if engine == "numba":
         if method == "rmimm" or gate is not None:
             raise UsageError(diagnostic("DH1109", "numba runs `imm` and `mmae`, without a gate"))
@@ -123,8 +128,8 @@ def estimate(
             return made
     rows = _rows(measured, inputs)
     if method == "rmimm":
-        return _stacked(_run(ResidualBelief.prior(system, trials), _residual_step(system, limits), rows), seen)
-    return _stacked(_run(Belief.prior(system, trials), _step(system, method, limits), rows), seen)
+        return _stacked(_run(ResidualBelief.prior(system, trials), _residual_step(system), rows, opening), seen)
+    return _stacked(_run(Belief.prior(system, trials), _step(system, method), rows, opening), seen)
 
 
 def _compiled(
@@ -145,57 +150,58 @@ def _compiled(
         return None
     shaped = (part.reshape(*part.shape[:-1], *trials) for part in found)
     x, P, mu, log_likelihood, nis = (sealed(in_front(part, part.ndim - len(trials))) for part in shaped)
-    gated = np.zeros(log_likelihood.shape, dtype=np.bool_)
-    return Estimates(x, P, mu, log_likelihood, nis, seen.sum(axis=-1).astype(np.float64), gated)
+    no = np.zeros(log_likelihood.shape, dtype=np.bool_)
+    return Estimates(x, P, mu, log_likelihood, nis, seen.sum(axis=-1).astype(np.float64), gated=no, readmitted=no)
 
 
-def _step(system: StochasticSystem, method: str, limits: FloatArray | None) -> Step[Belief]:
+def _step(system: StochasticSystem, method: str) -> Step[Belief]:
     predict = _PREDICT[method]
 
-    def step(
-        belief: Belief, z: FloatArray, u_before: FloatArray | None, u: FloatArray | None
-    ) -> tuple[Belief, Posterior]:
-        posterior = multiple.update(system, predict(system, belief, u_before), z, u, limits=limits)
+    def step(belief: Belief, z: FloatArray, u: Inputs, gate: Gate | None) -> tuple[Belief, Posterior]:
+        posterior = multiple.update(system, predict(system, belief, u[0]), z, u[1], gate=gate)
         return posterior.belief, posterior
 
     return step
 
 
-def _residual_step(system: StochasticSystem, limits: FloatArray | None) -> Step[ResidualBelief]:
-    def step(
-        state: ResidualBelief, z: FloatArray, u_before: FloatArray | None, u: FloatArray | None
-    ) -> tuple[ResidualBelief, Posterior]:
-        return update_rmimm(system, predict_rmimm(system, state, u_before), z, u, limits=limits)
+def _residual_step(system: StochasticSystem) -> Step[ResidualBelief]:
+    def step(state: ResidualBelief, z: FloatArray, u: Inputs, gate: Gate | None) -> tuple[ResidualBelief, Posterior]:
+        return update_rmimm(system, predict_rmimm(system, state, u[0]), z, u[1], gate=gate)
 
     return step
 
 
-def _root_step(system: StochasticSystem, limits: FloatArray | None) -> Step[RootBelief]:
-    def step(
-        state: RootBelief, z: FloatArray, u_before: FloatArray | None, u: FloatArray | None
-    ) -> tuple[RootBelief, Posterior]:
-        return update_roots(system, predict_roots(system, state, u_before), z, u, limits=limits)
+def _root_step(system: StochasticSystem) -> Step[RootBelief]:
+    def step(state: RootBelief, z: FloatArray, u: Inputs, gate: Gate | None) -> tuple[RootBelief, Posterior]:
+        return update_roots(system, predict_roots(system, state, u[0]), z, u[1], gate=gate)
 
     return step
 
 
 def _run(
-    state: State, step: Step[State], rows: Sequence[tuple[FloatArray, FloatArray | None, FloatArray | None]]
+    state: State,
+    step: Step[State],
+    rows: Sequence[tuple[FloatArray, FloatArray | None, FloatArray | None]],
+    gate: Gate | None,
 ) -> list[tuple[FloatArray, ...]]:
     found: list[tuple[FloatArray, ...]] = []
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is looked for
         for k, (z, u_before, u) in enumerate(rows):
             with _naming(k):
-                state, posterior = step(state, z, u_before, u)
+                state, posterior = step(state, z, (u_before, u), gate)
                 _require_likelihood(posterior.log_likelihood)
-            belief = posterior.belief
+            belief, gate = posterior.belief, posterior.judgement.gate
             found.append((*belief.mixture(), belief.mu, *_innovation(posterior)))
     return found
 
 
 def _innovation(posterior: Posterior) -> tuple[FloatArray, ...]:
-    gated = posterior.gated.astype(np.float64)
-    return posterior.log_likelihood, gated, posterior.predicted_mu, posterior.residual, posterior.S
+    flags = _flags(posterior.judgement)
+    return posterior.log_likelihood, *flags, posterior.predicted_mu, posterior.residual, posterior.S
+
+
+def _flags(judgement: Judgement) -> tuple[FloatArray, FloatArray]:
+    return judgement.gated.astype(np.float64), judgement.readmitted.astype(np.float64)
 
 
 def _require_likelihood(log_likelihood: FloatArray) -> None:
@@ -239,15 +245,16 @@ def estimate_known(
     trials, n = measured.shape[:-2], len(system.x)
     x, P = np.broadcast_to(system.x, (*trials, n)), np.broadcast_to(system.P, (*trials, n, n))
     certain, one, rows = np.eye(len(system.modes))[known], np.ones((*trials, 1)), []
-    limits = None if gate is None else gate_limits(measured.shape[-1], gate)
+    opening = None if gate is None else Gate.of(measured.shape[-1], gate, trials)
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is looked for
         for k, (z_row, u_before, u_row) in enumerate(_rows(measured, inputs)):
             with _naming(k):
                 x, P = switching.predict(system, x, P, moving[..., k], u=u_before)
-                done, gated = switching.update(system, x, P, known[..., k], z_row, u=u_row, limits=limits)
+                done, judged = switching.update(system, x, P, known[..., k], z_row, u=u_row, gate=opening)
                 _require_likelihood(done.log_likelihood)
             x, P, residual, S = done.x, done.P, done.residual[..., None, :], done.S[..., None, :, :]
-            rows.append((x, P, certain[..., k, :], done.log_likelihood, gated.astype(np.float64), one, residual, S))
+            rows.append((x, P, certain[..., k, :], done.log_likelihood, *_flags(judged), one, residual, S))
+            opening = judged.gate
     return _stacked(rows, ~np.isnan(measured) & system.bank.measured[known])
 
 
@@ -303,13 +310,13 @@ def _rows(
 
 def _stacked(rows: Sequence[tuple[FloatArray, ...]], seen: Flags) -> Estimates:
     columns = [_one_array(column, seen.ndim - 2) for column in zip(*rows, strict=True)]
-    x, P, mu, log_likelihood, outlier, *innovation = columns
+    x, P, mu, log_likelihood, outlier, taken, *innovation = columns
     with np.errstate(over="ignore", invalid="ignore"):
         nis = squared_residual(*innovation)
     _require_finite(seen.ndim - 2, (x, P, mu, log_likelihood, nis))
     gated = outlier > 0.0
     used = seen & ~gated[..., None]
-    return Estimates(x, P, mu, log_likelihood, nis, used.sum(axis=-1).astype(np.float64), gated)
+    return Estimates(x, P, mu, log_likelihood, nis, used.sum(axis=-1).astype(np.float64), gated, taken > 0.0)
 
 
 def _require_finite(rows_axis: int, columns: Sequence[FloatArray]) -> None:

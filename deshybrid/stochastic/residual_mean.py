@@ -22,6 +22,7 @@ import numpy as np
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import multiple
 from deshybrid.stochastic.belief import Belief, Posterior, read_only
+from deshybrid.stochastic.gating import Gate
 from deshybrid.stochastic.gaussian import squared_norm
 from deshybrid.stochastic.lanes import times
 from deshybrid.stochastic.system import StochasticSystem
@@ -81,11 +82,11 @@ def update_rmimm(
     z: FloatArray,
     u: FloatArray | None = None,
     *,
-    limits: FloatArray | None = None,
+    gate: Gate | None = None,
 ) -> tuple[ResidualBelief, Posterior]:
     """Return the state after the measurement z (..., p), and its posterior; the log-likelihood is that of an IMM.
 
-    With `limits`, those of `gate_limits`, an outlier counts as missing.
+    With a gate an outlier counts as missing.
 
     >>> from deshybrid.stochastic.examples import calm_and_wild
     >>> system = calm_and_wild()
@@ -94,10 +95,10 @@ def update_rmimm(
     [[0.0], [0.0]]
     """
     bank, prior = system.comparable_bank, prediction.belief
-    correction, gated = multiple.correct(bank, prior, z, u, limits)
+    correction, judgement = multiple.correct(bank, prior, z, u, gate)
     true = multiple.expected(bank, prediction.reached, _for_every_filter(u))  # (..., filter, true mode, p)
     ahead = true - multiple.expected(bank, prior.x, u)[..., :, None, :]
-    seen = ~(np.isnan(z) | gated[..., None])[..., None, :] & bank.measured
+    seen = ~(np.isnan(z) | judgement.gated[..., None])[..., None, :] & bank.measured
     residual_mean = np.where(seen, np.einsum("...jip,...i->...jp", ahead, prior.mu), 0.0)
     drift = np.einsum("...jin,...i->...jn", prediction.reached, prior.mu) - prior.x
     weight = -np.log(np.maximum(np.sqrt(squared_norm(residual_mean, correction.S)), FLOOR))
@@ -105,7 +106,7 @@ def update_rmimm(
     _, log_likelihood = multiple.weighed(prior.log_mu, correction.log_likelihood)
     posterior = Belief(correction.x, correction.P, log_mu)
     state = ResidualBelief(posterior, drift - times(correction.gain, residual_mean))
-    return state, Posterior(posterior, log_likelihood, prior.mu, correction.residual, correction.S, gated)
+    return state, Posterior(posterior, log_likelihood, prior.mu, correction.residual, correction.S, judgement)
 
 
 def _for_every_filter(u: FloatArray | None) -> FloatArray | None:

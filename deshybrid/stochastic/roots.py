@@ -19,7 +19,7 @@ import numpy as np
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import gaussian
 from deshybrid.stochastic.belief import Belief, Posterior, log_probability, log_sum
-from deshybrid.stochastic.gating import outliers
+from deshybrid.stochastic.gating import Gate, Judgement
 from deshybrid.stochastic.lanes import solve_lower, times
 from deshybrid.stochastic.multiple import expected, pushed, weighed
 from deshybrid.stochastic.system import StochasticSystem
@@ -96,7 +96,7 @@ def update_roots(
     z: FloatArray,
     u: FloatArray | None = None,
     *,
-    limits: FloatArray | None = None,
+    gate: Gate | None = None,
 ) -> tuple[RootBelief, Posterior]:
     """Return the belief after the measurement z (..., p), and its posterior; as `multiple.update`.
 
@@ -110,13 +110,13 @@ def update_roots(
     measured = np.where(bank.measured, z[..., None, :], np.nan)
     residual = measured - expected(bank, belief.x, u)
     made = _corrected(belief, residual, bank.H, bank.R)
-    gated = np.zeros(z.shape[:-1], dtype=np.bool_)
-    if limits is not None:
-        gated = outliers((made.e**2).sum(axis=-1), belief.log_mu, measured[..., 0, :], limits)
-        made = _corrected(belief, np.where(gated[..., None, None], np.nan, residual), bank.H, bank.R)
+    judgement = Judgement.none(z.shape[:-1])
+    if gate is not None:
+        judgement = gate.judge((made.e**2).sum(axis=-1), belief.log_mu, measured[..., 0, :])
+        made = _corrected(belief, np.where(judgement.gated[..., None, None], np.nan, residual), bank.H, bank.R)
     log_mu, log_likelihood = weighed(belief.log_mu, made.log_likelihood)
     after = RootBelief(made.x, made.S, log_mu)
-    return after, Posterior(after.belief, log_likelihood, np.exp(belief.log_mu), made.residual, made.S_z, gated)
+    return after, Posterior(after.belief, log_likelihood, np.exp(belief.log_mu), made.residual, made.S_z, judgement)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

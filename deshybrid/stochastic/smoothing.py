@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic.belief import Belief, log_probability, log_sum, mixture_covariance, sealed
-from deshybrid.stochastic.gating import gate_limits
+from deshybrid.stochastic.gating import Gate
 from deshybrid.stochastic.lanes import product, symmetric, times
 from deshybrid.stochastic.multiple import predict_imm, pushed, update
 from deshybrid.stochastic.record import Estimates, estimate, rows_of
@@ -47,11 +47,13 @@ def smooth(
         raise UsageError(diagnostic("DH1112", f"a lag of {lag} rows looks into the past"))
     filtered = estimate(system, z, u, gate=gate)
     rows = rows_of(system, z, u)
-    limits = None if gate is None else gate_limits(system.bank.H.shape[1], gate)
+    trials = filtered.x.shape[:-2]
+    opening = None if gate is None else Gate.of(system.bank.H.shape[1], gate, trials)
     beliefs = []
-    belief = Belief.prior(system, filtered.x.shape[:-2])
+    belief = Belief.prior(system, trials)
     for measured, before, now in rows:
-        belief = update(system, predict_imm(system, belief, before), measured, now, limits=limits).belief
+        posterior = update(system, predict_imm(system, belief, before), measured, now, gate=opening)
+        belief, opening = posterior.belief, posterior.judgement.gate
         beliefs.append(belief)
     known = _together(beliefs)
     inputs = None if rows[0][2] is None else np.stack([now for _, _, now in rows if now is not None], axis=-2)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import gaussian
-from deshybrid.stochastic.gating import Flags, outliers
+from deshybrid.stochastic.gating import Gate, Judgement
 from deshybrid.stochastic.gaussian import Correction
 from deshybrid.stochastic.lanes import times
 from deshybrid.stochastic.system import StochasticSystem
@@ -45,11 +45,11 @@ def update(
     z: FloatArray,
     *,
     u: FloatArray | None = None,
-    limits: FloatArray | None = None,
-) -> tuple[Correction, Flags]:
+    gate: Gate | None = None,
+) -> tuple[Correction, Judgement]:
     """Return the Gaussian given z (..., p) as `mode` (...) measures it; channels it does not measure are not read.
 
-    And whether z was an outlier, which with `limits`, those of `gate_limits`, counts as missing.
+    And whether z was an outlier, which with a gate counts as missing.
 
     >>> from deshybrid.stochastic.examples import calm_and_wild
     >>> system = calm_and_wild()
@@ -61,14 +61,14 @@ def update(
     measured = np.where(bank.measured[mode], z, np.nan)
     residual = measured - times(bank.H[mode], x) - offset
     correction = gaussian.update(x, P, residual, bank.H[mode], bank.R[mode])
-    if limits is None:
-        return correction, np.zeros(z.shape[:-1], dtype=np.bool_)
+    if gate is None:
+        return correction, Judgement.none(z.shape[:-1])
     distance = correction.distance[..., None]
-    gated = outliers(distance, np.zeros_like(distance), measured, limits)
-    if gated.any():
-        residual = np.where(gated[..., None], np.nan, residual)
+    judgement = gate.judge(distance, np.zeros_like(distance), measured)
+    if judgement.gated.any():
+        residual = np.where(judgement.gated[..., None], np.nan, residual)
         correction = gaussian.update(x, P, residual, bank.H[mode], bank.R[mode])
-    return correction, gated
+    return correction, judgement
 
 
 __all__ = ["ModeNumbers", "predict", "update"]
