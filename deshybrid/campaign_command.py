@@ -93,7 +93,7 @@ def _executor(dask: str | None, workers: int | None) -> Iterator[tuple[Executor,
 
 def _require_plots(output: Path | None) -> None:
     """What plots need is asked for before the drives, not after them."""
-    from deshybrid.emit.campaign_plots import require_matplotlib
+    from deshybrid.emit.plotting import require_matplotlib
 
     if output is None:
         raise UsageError(diagnostic("DH0805", "`--plots` needs a folder to write to", helps=("add `-o DIR`",)))

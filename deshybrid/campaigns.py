@@ -4,7 +4,6 @@ In: a path, and `Wishes`.  Out: a `Campaign`, its journal, and the texts of its 
 design and of the drives.
 """
 
-import bisect
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -14,22 +13,19 @@ from pathlib import Path
 
 from deshybrid.compiler import Compilation, Source, compile, to_des, to_hybrid
 from deshybrid.diagnostics import UsageError, diagnostic
-from deshybrid.emit.campaign_plots import Timeline, confusion_plot, delay_histogram, timeline_plot
+from deshybrid.emit.campaign_plots import confusion_plot, delay_histogram
 from deshybrid.emit.records import to_json
 from deshybrid.model.problems import did_you_mean
 from deshybrid.model.system import HybridSystem
 from deshybrid.observer.hybrid import HybridObserver
+from deshybrid.replays import CLOSE_UPS, close_up, replayed
 from deshybrid.simulate.campaign import DEFAULT_ENGAGEMENTS, MAX_DRIVES, Campaign, run_campaign
 from deshybrid.simulate.campaign_jobs import DriveResult, Rival, Task
 from deshybrid.simulate.campaign_journal import Journal
 from deshybrid.simulate.campaign_summary import Summary
 from deshybrid.simulate.observed import require_observable_by
-from deshybrid.simulate.replay import replay
-from deshybrid.simulate.score import Engagement
 
 JOURNAL = "jobs.jsonl"
-_BEFORE, _BEHIND = 1.0, 0.5  # s that a timeline shows before an entry, and behind the naming or the exit
-_TIMELINES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,22 +189,10 @@ def _plots(summary: Summary) -> dict[str, bytes]:
         "delays.svg": delay_histogram(score.delays, missed=score.total.missed, limit=summary.limit),
         "confusion.svg": confusion_plot(task.names, summary.confusion),
     }
-    for rank, (drive, engagement) in enumerate(summary.worst[:_TIMELINES], start=1):
-        drawn[f"worst-{rank}.svg"] = timeline_plot(_timeline(task, drive.job, engagement), task.names)
+    for rank, (drive, engagement) in enumerate(summary.worst[:CLOSE_UPS], start=1):
+        replay = replayed(task.observer, task.seen(task.execution(drive.job)))
+        drawn[f"worst-{rank}.svg"] = close_up(replay, engagement, f"drive {drive.job}")
     return drawn
-
-
-def _timeline(task: Task, job: int, engagement: Engagement) -> Timeline:
-    """The surroundings of an engagement, from its drive run once more."""
-    trace = task.seen(task.execution(job))
-    named, time = replay(task.observer, trace).location, trace.time.tolist()
-    end = engagement.leave if engagement.delay is None else engagement.enter + max(engagement.delay, 0.0)
-    first = bisect.bisect_left(time, engagement.enter - _BEFORE)
-    last = bisect.bisect_right(time, end + _BEHIND)
-    delay = "never named" if engagement.delay is None else f"named {engagement.delay:+.3f} s"
-    title = f"{engagement.location}, drive {job} at {engagement.enter:.3f} s: {delay}"
-    truth = trace.true_location or (None,) * len(trace)
-    return Timeline(title, time[first:last], truth[first:last], named[first:last], engagement.enter)
 
 
 def _digest(system: HybridSystem) -> str:

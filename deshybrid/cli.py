@@ -12,7 +12,7 @@ import typer
 
 from deshybrid.analysis_command import analyse
 from deshybrid.campaign_command import campaign
-from deshybrid.console import open_missing_streams, say, tell_beside, working
+from deshybrid.console import open_missing_streams, say, working
 from deshybrid.diagnostics import (
     DeshybridError,
     GainError,
@@ -44,8 +44,8 @@ from deshybrid.options import (
     TableStates,
     Target,
     Timeout,
-    TraceFile,
 )
+from deshybrid.run_command import run
 
 if TYPE_CHECKING:
     from deshybrid.des.automaton import DES
@@ -67,6 +67,7 @@ app.command()(analyse)
 app.command()(campaign)
 app.command()(estimate)
 app.command()(fit)
+app.command()(run)
 
 
 def _tell_version(wanted: bool) -> None:
@@ -247,41 +248,6 @@ def compile_model(
     _write(None, to_json(bundle.record(made, wishes)) if as_json else f"{made}\n{bundle.listing(folder, files)}")
     say(made.diagnostics)
     _finish(made.certified)
-
-
-@app.command()
-def run(
-    model: Model,
-    trace: TraceFile,
-    rate: Rate = None,
-    dwell: DwellTime = None,
-    step: Step = None,
-    method: GainMethod = "place",
-    max_states: TableStates = MAX_TABLE,
-    read_as: ReadAs = None,
-    as_json: AsJson = False,
-    output: Output = None,
-) -> None:
-    """Run the observer on a trace; with truth columns in the trace, print the score."""
-    from deshybrid import compiler
-    from deshybrid.emit.records import to_json
-    from deshybrid.simulate.replay import replay, write_estimates
-    from deshybrid.simulate.score import score
-    from deshybrid.simulate.trace import read_trace
-
-    with working("running"):
-        made = compiler.compile(
-            _read(model, read_as), rate=rate, dwell=dwell, step=step, method=method, max_states=max_states
-        )
-        if made.observer is None:
-            say(made.diagnostics)
-            _finish(False)
-        samples = read_trace(trace, made.observer.system, step=made.observer.step_seconds)
-        estimates = replay(made.observer, samples)
-    _write(output, write_estimates(estimates))
-    if samples.true_location is not None:
-        result = score(samples, estimates)
-        tell_beside(output, to_json(result.record()) if as_json else f"{result}\n")
 
 
 @app.command()

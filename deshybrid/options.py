@@ -64,11 +64,16 @@ Gate = Annotated[
     float | None, typer.Option(help="probability with which a good row is kept; one beyond it counts as missing")
 ]
 EstimatePlot = Annotated[Path | None, typer.Option("--plot", help="write a plot as SVG (extra `plot`)")]
+Plots = Annotated[Path | None, typer.Option("--plots", help="write plots as SVG into this folder (extra `plot`)")]
+Between = Annotated[
+    tuple[float, float] | None, typer.Option(metavar="FROM TO", help="draw the rows between these times in s")
+]
 Every = Annotated[bool, typer.Option("--all", help="list all cheapest sets")]
 Most = Annotated[int, typer.Option(min=1, help="list at most so many sets, with exit code 3 beyond")]
 
 __all__ = [
     "AsJson",
+    "Between",
     "CheckMethod",
     "DrawFormat",
     "DrawWhat",
@@ -85,6 +90,7 @@ __all__ = [
     "Model",
     "Most",
     "Output",
+    "Plots",
     "Rate",
     "ReadAs",
     "Step",

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deshybrid.emit.campaign_plots import as_svg, require_matplotlib
+from deshybrid.emit.plotting import as_svg, new_figure, plain_style
 from deshybrid.linear.arrays import FloatArray
 
 _MOST_STATES = 8
@@ -44,33 +44,31 @@ def estimate_plot(made: EstimatePlot) -> bytes:
     >>> b"a flight" in estimate_plot(shown)
     True
     """
-    require_matplotlib()
-    from matplotlib.figure import Figure
-
-    shown = list(made.states)[:_MOST_STATES]
-    figure = Figure(figsize=(8.0, 3.4 + 1.3 * len(shown)), layout="constrained")
-    axes = figure.subplots(2 + len(shown), 1, sharex=True, squeeze=False)[:, 0]
-    true = np.asarray(made.true_mode)
-    for place, name in enumerate(made.locations):
-        (line,) = axes[0].step(made.time, made.mu[:, place], where="post", label=name)
-        height = np.where(true == place, -0.1 - 0.08 * place, np.nan)
-        axes[0].step(made.time, height, where="post", color=line.get_color(), linewidth=3.0)
-    axes[0].set(ylabel="probability", title=made.title)
-    axes[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    axes[1].plot(made.time, made.nis, ".", markersize=3.0, color="tab:blue")
-    axes[1].axhline(1.0, color="grey", linewidth=0.8)
-    axes[1].set(ylabel="NIS, 1 expected", yscale="symlog")
-    for place, name in enumerate(shown):
-        low, high = (made.x[:, place] + side * made.deviation[:, place] for side in (-2.0, 2.0))
-        axes[2 + place].fill_between(made.time, low, high, alpha=0.3, linewidth=0.0, label="± 2 deviations")
-        axes[2 + place].plot(made.time, made.x[:, place], label="estimate")
-        axes[2 + place].plot(made.time, made.truth[:, place], "k--", linewidth=0.8, label="true")
-        axes[2 + place].set(ylabel=name)
-    for row in np.flatnonzero(made.outlier).tolist():
-        axes[1].axvline(made.time[row], color="tab:red", linewidth=0.8)
-    axes[-1].set(xlabel="time (s)")
-    axes[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return as_svg(figure)
+    with plain_style():
+        shown = list(made.states)[:_MOST_STATES]
+        figure = new_figure(8.0, 3.4 + 1.3 * len(shown))
+        axes = figure.subplots(2 + len(shown), 1, sharex=True, squeeze=False)[:, 0]
+        true = np.asarray(made.true_mode)
+        for place, name in enumerate(made.locations):
+            (line,) = axes[0].step(made.time, made.mu[:, place], where="post", label=name)
+            height = np.where(true == place, -0.1 - 0.08 * place, np.nan)
+            axes[0].step(made.time, height, where="post", color=line.get_color(), linewidth=3.0)
+        axes[0].set(ylabel="probability", title=made.title)
+        axes[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        axes[1].plot(made.time, made.nis, ".", markersize=3.0, color="tab:blue")
+        axes[1].axhline(1.0, color="grey", linewidth=0.8)
+        axes[1].set(ylabel="NIS, 1 expected", yscale="symlog")
+        for place, name in enumerate(shown):
+            low, high = (made.x[:, place] + side * made.deviation[:, place] for side in (-2.0, 2.0))
+            axes[2 + place].fill_between(made.time, low, high, alpha=0.3, linewidth=0.0, label="± 2 deviations")
+            axes[2 + place].plot(made.time, made.x[:, place], label="estimate")
+            axes[2 + place].plot(made.time, made.truth[:, place], "k--", linewidth=0.8, label="true")
+            axes[2 + place].set(ylabel=name)
+        for row in np.flatnonzero(made.outlier).tolist():
+            axes[1].axvline(made.time[row], color="tab:red", linewidth=0.8)
+        axes[-1].set(xlabel="time (s)")
+        axes[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        return as_svg(figure)
 
 
 __all__ = ["EstimatePlot", "estimate_plot"]

@@ -18,8 +18,9 @@ from deshybrid.des.signatures import SignaturePlan
 from deshybrid.detector.detector import TransitionDetector
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.model.system import HybridSystem
-from deshybrid.observer import MAX_TABLE, reference
+from deshybrid.observer import MAX_TABLE, judgement, reference
 from deshybrid.observer.filling import fill_decision, fill_flow, fill_generators, fill_resets
+from deshybrid.observer.judgement import Scale
 from deshybrid.observer.tables import STATUS_NAMES, StepTables, plain_tables
 from deshybrid.observer.tracker import CommandNeeds, Tracker, choose_tracker, outputs_of
 
@@ -115,6 +116,15 @@ class HybridObserver:
             state=x,
         )
         return after, estimate
+
+    @property
+    def scales(self) -> tuple[Scale, ...]:
+        """What each residual generator is judged by, in the order of `tables.generators`."""
+        return judgement.scales(self._plain, self.tables.output_names)
+
+    def judged(self, before: ObserverState, after: ObserverState) -> tuple[tuple[float, ...], ...]:
+        """Return by generator the numbers of its scale, from the states before and after a step with a valid sample."""
+        return judgement.judged(self._plain, before, after)
 
     def _signature(self, number: int, event: str | None) -> str | None:
         if number >= 0:

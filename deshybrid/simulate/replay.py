@@ -10,7 +10,7 @@ location measures is passed on as it is: where it is NaN, the observer says `inv
 One step per row.  Source: Balluchi et al. (2012), section 4.2, Figure 15, run in sampled time.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -50,7 +50,10 @@ class EstimateLike(Protocol):
         """The estimate of the continuous state, n numbers."""
 
 
-class ObserverLike(Protocol[S]):
+E_co = TypeVar("E_co", bound=EstimateLike, covariant=True)
+
+
+class ObserverLike(Protocol[S, E_co]):
     """An observer whose step is pure: what it remembers goes in and comes out as a value."""
 
     def start(self) -> S:
@@ -63,7 +66,7 @@ class ObserverLike(Protocol[S]):
         output: Sequence[float],
         event: str | None,
         command: Sequence[str | None] = (),
-    ) -> tuple[S, EstimateLike]:
+    ) -> tuple[S, E_co]:
         """Return what the observer remembers after one sample, and its estimate."""
 
 
@@ -98,7 +101,7 @@ class EstimateTrace:
         return f"EstimateTrace({self.trace.system.name}: {len(self)} rows, identified in {share:.1f} %)"
 
 
-def replay(observer: ObserverLike[S], trace: Trace) -> EstimateTrace:
+def replay(observer: ObserverLike[S, EstimateLike], trace: Trace) -> EstimateTrace:
     """Run an observer over a trace, one step per row.
 
     >>> from types import SimpleNamespace
@@ -111,13 +114,21 @@ def replay(observer: ObserverLike[S], trace: Trace) -> EstimateTrace:
     >>> replay(observer, Trace(toy, [0.0], np.zeros((1, 0)), np.zeros((1, 0)))).location
     ('b',)
     """
+    return estimate_trace(trace, [estimate for _, estimate in steps(observer, trace)])
+
+
+def steps(observer: ObserverLike[S, E_co], trace: Trace) -> Iterator[tuple[S, E_co]]:
+    """Yield what an observer remembers and says after each row of a trace."""
     state = observer.start()
-    estimates: list[EstimateLike] = []
     outputs = _held_where_optional(trace).tolist()
     rows = zip(trace.inputs.tolist(), outputs, trace.events, trace.commands, strict=True)
     for row_input, row_output, event, command in rows:
         state, estimate = observer.step(state, tuple(row_input), tuple(row_output), event, command)
-        estimates.append(estimate)
+        yield state, estimate
+
+
+def estimate_trace(trace: Trace, estimates: Sequence[EstimateLike]) -> EstimateTrace:
+    """Return the estimates of all rows as one value."""
     names = trace.system.state_names
     states = np.array([tuple(estimate.state) for estimate in estimates], dtype=np.float64)
     states = states.reshape(len(estimates), len(names))

@@ -22,6 +22,7 @@ LEVEL = {
     "simulate": 5,
     "verify": 5,
     "compiler": 6,
+    "replays": 6,
     "bundle": 7,
     "analysis": 7,
     "estimation": 7,
@@ -35,6 +36,7 @@ LEVEL = {
     "estimate_command": 9,
     "fit": 6,
     "fit_command": 9,
+    "run_command": 9,
     "cli": 10,
 }
 BESIDE = {("detector", "continuous")}  # residual gains are placed by the code that places observer gains
