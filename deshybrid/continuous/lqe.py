@@ -42,6 +42,7 @@ class Noise(NamedTuple):
 def location_noise(system: HybridSystem, name: str, scale: FloatArray, rate: float) -> Noise:
     """Return the noises of a location as described above; scale (n,): sizes of the states, rate (1/s): μ."""
     location = system.location(name)
+    location.noise_form.require_fixed("a stationary Kalman gain", name)
     dynamics = location.dynamics
     if dynamics is None:
         return Noise(np.zeros((0, 0)), np.zeros((0, 0)))

@@ -33,6 +33,7 @@ def white_generator(system: HybridSystem, generator: ResidualGenerator) -> tuple
     from scipy.linalg import solve_discrete_are
 
     location, C = generator.location, generator.H
+    location.noise_form.require_fixed("a statistical test of residuals", location.name)
     A = generator.F + generator.gain @ C
     V = _measurement_covariance(system, location)
     drive = REGULAR * float(np.trace(V)) / len(V) * np.eye(len(A))

@@ -15,6 +15,7 @@ import numpy as np
 from deshybrid.emit.ctables import Real
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import stepwise
+from deshybrid.stochastic.noise import require_fixed_noise
 from deshybrid.stochastic.sample import sample
 from deshybrid.stochastic.stepwise import Constants, Out, Room, State
 from deshybrid.stochastic.system import StochasticSystem
@@ -35,6 +36,7 @@ def flat_constants(system: StochasticSystem, kind: FilterKind, real: Real) -> Co
     >>> flat_constants(calm_and_wild(), "imm", "double").Q
     (0.1, 9.0)
     """
+    require_fixed_noise(system.modes, "a generated filter")
     bank = system.comparable_bank if kind == "imm" else system.bank
     modes, p, n = bank.H.shape
     number = float if real == "double" else np.float32

@@ -45,11 +45,21 @@ DWELL = Record(
         Key("max", _POSITIVE, "longest stay"),
     ),
 )
+TAILS = Record(
+    "rows whose measurement is far worse than usual, at random",
+    (
+        Key("share", Number(above=0.0, at_most=1.0), "the share of such rows", required=True),
+        Key("factor", Number(at_least=1.0), "how many times as large their covariance is", required=True),
+    ),
+)
 NOISE = Record(
     "covariances of the white noises",
     (
         Key("process", Matrix("n", "n"), "covariance of the process noise (n, n)"),
         Key("measurement", Matrix("p", "p"), "covariance of the measurement noise (p, p)"),
+        Key("process_by_state", Matrix("n", "n"), "G: each step adds e G x besides, e white with variance 1"),
+        Key("measurement_by_state", Matrix("p", "n"), "G: each measurement has e G x in it, e white with variance 1"),
+        Key("tails", TAILS, "heavy tails of the measurement noise"),
     ),
 )
 LOCATION = Record(

@@ -16,7 +16,8 @@ from deshybrid.model.covariances import covariance
 from deshybrid.model.dynamics import Sizes, Written, build_dynamics, sizes_of
 from deshybrid.model.fields import NO_FIELDS, Field, Fields
 from deshybrid.model.problems import Problems
-from deshybrid.model.system import Dwell, Location
+from deshybrid.model.shapes import Expected, checked
+from deshybrid.model.system import Dwell, Location, NoiseForm
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,6 +26,7 @@ class _Common:
 
     defaults: Fields
     channels: Channels
+    noise: Fields
     process: FloatArray | None
     measurement: FloatArray | None
     problems: Problems
@@ -46,6 +48,7 @@ def build_locations(model: Fields, channels: Channels, problems: Problems) -> tu
     common = _Common(
         model.fields("defaults"),
         channels,
+        noise,
         covariance(noise.get("process"), "process noise", channels.state(), problems),
         covariance(noise.get("measurement"), "measurement noise", channels.all_outputs(), problems),
         problems,
@@ -72,6 +75,7 @@ def _location(name: str, body: Fields, span: Span, common: _Common) -> Location:
         span,
         MappingProxyType({key: field.span for key, field in keys}),
         keys.text("observed_as") or None,
+        _noise_form(where, body, common, sizes, outputs),
     )
 
 
@@ -93,6 +97,26 @@ def _noise(
         index = [common.channels.outputs.index(channel) for channel in outputs]
         measurement = frozen_array(common.measurement[np.ix_(index, index)], (len(index), len(index)))
     return process, measurement
+
+
+def _noise_form(where: str, body: Fields, common: _Common, sizes: Sizes, outputs: tuple[str, ...]) -> NoiseForm:
+    """What `noise` says beside covariances: each key the location's own, else that of the defaults or of the head."""
+    own = body.fields("noise").over(common.defaults.fields("noise"))
+    stated, tails = own.over(common.noise), own.over(common.noise).fields("tails")
+    moved = Expected("matrix", "process_by_state", where, sizes.state, sizes.state)
+    by_head = own.get("measurement_by_state") is None
+    rows = common.channels.all_outputs() if by_head else sizes.outputs
+    seen = checked(
+        stated.get("measurement_by_state"),
+        Expected("matrix", "measurement_by_state", where, rows, sizes.state),
+        common.problems,
+    )
+    if seen is not None and by_head:
+        seen = frozen_array(
+            seen[[common.channels.outputs.index(channel) for channel in outputs]], (len(outputs), sizes.state.size)
+        )
+    process = checked(stated.get("process_by_state"), moved, common.problems)
+    return NoiseForm(process, seen, tails.number("share") or 0.0, tails.number("factor") or 1.0)
 
 
 def _dwell(where: str, field: Field | None, problems: Problems) -> Dwell:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from deshybrid.diagnostics import Span
+from deshybrid.diagnostics import Span, UsageError, diagnostic
 from deshybrid.diagnostics.pictured import Pictured
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.linear.dynamics import LinearDynamics
@@ -35,6 +35,39 @@ class Dwell:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class NoiseForm:
+    """In what the noise of a location is more than white with a fixed covariance; by default in nothing.
+
+    The step adds e1 G1 x with G1 = `process_by_state` (n, n), the measurement e2 G2 x with G2 = `measurement_by_state`
+    (p, n), e1 and e2 white with variance 1; x is the state before the step, and that which is measured.  A `share` of
+    the rows has a measurement noise, e2 G2 x included, whose covariance is `factor` times as large: heavy tails.
+    """
+
+    process_by_state: FloatArray | None = None
+    measurement_by_state: FloatArray | None = None
+    share: float = 0.0
+    factor: float = 1.0
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys of `noise` that say so, in the model's words; empty for white noise of a fixed covariance."""
+        there = {
+            "process_by_state": self.process_by_state is not None,
+            "measurement_by_state": self.measurement_by_state is not None,
+            "tails": self.share > 0.0,
+        }
+        return tuple(key for key, stated in there.items() if stated)
+
+    def require_fixed(self, what: str, location: str, *, of: tuple[str, ...] | None = None) -> None:
+        """Raise `UsageError` (DH1120) where it has keys, or some `of` them: `what` does not know them."""
+        keys = [key for key in self.keys if of is None or key in of]
+        if keys:
+            named = " and ".join(f"`{key}`" for key in keys)
+            helps = ("`estimate` knows it with `imm`, `mmae` and `skf`; heavy tails are there instead of a gate",)
+            raise UsageError(diagnostic("DH1120", f"{what} does not know {named} of the noise of `{location}`", helps=helps))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Location:
     """One location q with its dynamics; `output_index` and `input_index` place its channels among the system's."""
 
@@ -49,6 +82,7 @@ class Location:
     span: Span | None = field(default=None, repr=False)
     spans: Mapping[str, Span] = field(default_factory=_nothing, repr=False)  # by key: "A", "C", ...
     observed_as: str | None = None  # a location of a coarser model; None: the one of the same name
+    noise_form: NoiseForm = NoiseForm()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,6 +25,8 @@ class Chance:
     """What is drawn in one run; remembers how far its random streams have come, and nothing else."""
 
     def __init__(self, system: HybridSystem, seed: int, tick: float) -> None:
+        for location in system.locations:
+            location.noise_form.require_fixed("the simulation", location.name)
         self.system, self.seed = system, seed
         self.is_chain = system.probability_from_to is not None and not system.transitions
         self._process, self._chain = stream(seed, PROCESS), stream(seed, CHAIN)

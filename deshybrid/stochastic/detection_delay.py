@@ -27,6 +27,7 @@ from deshybrid.stochastic.gaussian import squared_norm
 from deshybrid.stochastic.multiple import predict_imm, predict_mmae, update
 from deshybrid.stochastic.record import estimate
 from deshybrid.stochastic.sample import sample
+from deshybrid.stochastic.noise import require_fixed_noise
 from deshybrid.stochastic.system import StochasticSystem
 
 Bank: TypeAlias = Literal["imm", "mmae"]
@@ -88,6 +89,7 @@ def mean_run(system: StochasticSystem, modes: NDArray[np.intp], method: Bank) ->
     >>> mean_run(calm_and_wild(), np.array([0, 0, 1]), "imm").residual.shape
     (3, 2, 1)
     """
+    require_fixed_noise(system.modes, "the recursion of mean residuals")
     predict = predict_imm if method == "imm" else predict_mmae
     belief, x = Belief.prior(system), system.x
     rows, true = [], []

@@ -16,7 +16,7 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from deshybrid.linear.arrays import FloatArray
-from deshybrid.stochastic import gaussian
+from deshybrid.stochastic import gaussian, noise
 from deshybrid.stochastic.gaussian import Correction
 from deshybrid.stochastic.lanes import cholesky, product, symmetric, times
 from deshybrid.stochastic.system import Mode
@@ -67,12 +67,16 @@ class LinearFilter:
     def move(self, x: FloatArray, P: FloatArray, u: FloatArray | None) -> Gaussian:
         """Return the Gaussian one step later."""
         push = self.mode.f if u is None else times(self.mode.B, u) + self.mode.f
-        return gaussian.predict(x, P, self.mode.F, self.mode.Q, push)
+        Q = noise.grown(self.mode.Q, self.mode.noise.process_by_state, x, P)
+        return gaussian.predict(x, P, self.mode.F, Q, push)
 
     def correct(self, x: FloatArray, P: FloatArray, z: FloatArray, u: FloatArray | None) -> Correction:
         """Return the Gaussian given a measurement."""
         offset = self.mode.g if u is None else times(self.mode.D, u) + self.mode.g
-        return gaussian.update(x, P, z - times(self.mode.H, x) - offset, self.mode.H, self.mode.R)
+        form = self.mode.noise
+        R = noise.grown(self.mode.R, form.measurement_by_state, x, P)
+        tails = np.array([form.share, form.factor]) if form.share else None
+        return noise.update(x, P, z - times(self.mode.H, x) - offset, self.mode.H, R, tails)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

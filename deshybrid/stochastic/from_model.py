@@ -80,6 +80,7 @@ def _mode(location: Location, inputs: int, step: float | None) -> Mode:
     if dynamics is None or Q is None or R is None:
         raise ModelError(diagnostic("DH1101", f"location `{location.name}` has no dynamics or no `noise`"))
     if step is not None:
+        location.noise_form.require_fixed("a model in continuous time", location.name, of=("process_by_state",))
         Q = sample_covariance(dynamics.A, Q, step)
         dynamics = sample_dynamics(dynamics, step)
     places = list(location.input_index)
@@ -96,6 +97,7 @@ def _mode(location: Location, inputs: int, step: float | None) -> Mode:
         f=dynamics.f,
         g=dynamics.g,
         output_index=location.output_index,
+        noise=location.noise_form,
     )
 
 

@@ -15,7 +15,7 @@ O(M² n² + M n³) a step and trial.  Source: Hwang et al. (2006), section 3, eq
 import numpy as np
 
 from deshybrid.linear.arrays import FloatArray
-from deshybrid.stochastic import gaussian
+from deshybrid.stochastic import gaussian, noise
 from deshybrid.stochastic.belief import Belief, Posterior, log_probability, log_sum, mixture_covariance, sealed
 from deshybrid.stochastic.gating import Gate, Judgement
 from deshybrid.stochastic.gaussian import Correction
@@ -101,13 +101,14 @@ def correct(
     """
     measured = np.where(bank.measured, trials_last(z, 1)[..., None, :], np.nan)
     residual = measured - expected(bank, belief.x, u)
-    correction = gaussian.update(belief.x, belief.P, residual, bank.H, bank.R)
+    R = noise.grown(bank.R, bank.measurement_by_state, belief.x, belief.P)
+    correction = noise.update(belief.x, belief.P, residual, bank.H, R, bank.tails)
     if gate is None:
         return correction, Judgement.none(z.shape[:-1])
     judgement = gate.judge(correction.distance, belief.log_mu, measured[..., 0, :])
     if judgement.gated.any():
         residual = np.where(judgement.gated[..., None, None], np.nan, residual)
-        correction = gaussian.update(belief.x, belief.P, residual, bank.H, bank.R)
+        correction = noise.update(belief.x, belief.P, residual, bank.H, R, bank.tails)
     return correction, judgement
 
 
@@ -147,7 +148,8 @@ def _log_joint(system: StochasticSystem, belief: Belief) -> FloatArray:
 
 
 def _moved(bank: Bank, x: FloatArray, P: FloatArray, log_mu: FloatArray, u: FloatArray | None) -> Belief:
-    x, P = gaussian.predict(x, P, bank.F, bank.Q, pushed(bank.B, bank.f, u))
+    Q = noise.grown(bank.Q, bank.process_by_state, x, P)
+    x, P = gaussian.predict(x, P, bank.F, Q, pushed(bank.B, bank.f, u))
     return Belief(sealed(x), sealed(P), log_mu)
 
 

@@ -24,6 +24,7 @@ import numpy as np
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.linear.observability import observability_index
 from deshybrid.stochastic.outputs import OutputGaussian, staying
+from deshybrid.stochastic.noise import require_fixed_noise
 from deshybrid.stochastic.system import Mode, StochasticSystem
 
 ROUNDING = 1e-9
@@ -113,6 +114,7 @@ def _agreement(first: FloatArray, second: FloatArray) -> np.ndarray[tuple[int, .
 
 def _hidden(source: Mode, target: Mode, P: FloatArray, steps: int) -> bool:
     """Lemma 3: both sides agree, M being the state's covariance `steps` steps of the source after P."""
+    require_fixed_noise((source, target), "Lemma 3")
     M = P
     for _ in range(steps):
         M = source.F @ M @ source.F.T + source.Q

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from deshybrid.linear.arrays import FloatArray, frozen_array
 from deshybrid.stochastic.lanes import symmetric
+from deshybrid.stochastic.noise import require_fixed_noise
 from deshybrid.stochastic.system import Mode
 
 
@@ -46,6 +47,7 @@ def output_gaussian(
     >>> output_gaussian([walk] * 2, [walk], x=[3.0], P=[[2.0]]).covariance.tolist()
     [[2.5, 2.0], [2.0, 3.5]]
     """
+    require_fixed_noise((*measuring, *moving), "a Gaussian of the outputs")
     rows, (p, n) = len(measuring), measuring[0].H.shape
     state, spread = np.array(x, dtype=np.float64), np.array(P, dtype=np.float64)
     mean, covariance = np.zeros((rows, p)), np.zeros((rows, p, rows, p))

@@ -22,6 +22,7 @@ from deshybrid.stochastic import gaussian, multiple, switching
 from deshybrid.stochastic.belief import Belief, Posterior, log_probability, read_only, sealed, squared_residual
 from deshybrid.stochastic.gating import Flags, Gate, Judgement
 from deshybrid.stochastic.lanes import behind, in_front, trials_last
+from deshybrid.stochastic.noise import require_fixed_noise
 from deshybrid.stochastic.residual_mean import ResidualBelief, predict_rmimm, update_rmimm
 from deshybrid.stochastic.roots import RootBelief, predict_roots, update_roots
 from deshybrid.stochastic.switching import ModeNumbers
@@ -111,6 +112,7 @@ def estimate(
     >>> estimate(calm_and_wild(), [[0.1], [0.2], [9.0], [1.0]]).most_probable.tolist()
     [0, 0, 1, 1]
     """
+    _check_gate(system, gate)
     measured, inputs = _records(system, z, u)
     trials = measured.shape[:-2]
     seen = ~np.isnan(measured) & system.comparable_bank.measured[0]
@@ -123,6 +125,7 @@ def estimate(
     if engine == "numba":
         if method == "rmimm" or gate is not None:
             raise UsageError(diagnostic("DH1109", "numba runs `imm` and `mmae`, without a gate"))
+        require_fixed_noise(system.modes, "the engine `numba`")
         made = _compiled(system, measured, inputs, seen, mixing=method == "imm")
         if made is not None:
             return made
@@ -239,6 +242,7 @@ def estimate_known(
     >>> estimate_known(calm_and_wild(), [[0.1], [0.2]], [0, 0]).mu.tolist()
     [[1.0, 0.0], [1.0, 0.0]]
     """
+    _check_gate(system, gate)
     measured, inputs = _records(system, z, u)
     known = _known_modes(system, modes, measured.shape[:-1])
     moving = known if moved_by is None else _known_modes(system, moved_by, measured.shape[:-1])
@@ -256,6 +260,12 @@ def estimate_known(
             rows.append((x, P, certain[..., k, :], done.log_likelihood, *_flags(judged), one, residual, S))
             opening = judged.gate
     return _stacked(rows, ~np.isnan(measured) & system.bank.measured[known])
+
+
+def _check_gate(system: StochasticSystem, gate: float | None) -> None:
+    """A gate and heavy tails answer the same outliers, and the limits of the gate are those of a Gaussian."""
+    for mode in system.modes if gate is not None else ():
+        mode.noise.require_fixed("a gate", mode.name, of=("tails",))
 
 
 def _records(system: StochasticSystem, z: ArrayLike, u: ArrayLike | None) -> tuple[FloatArray, FloatArray | None]:

@@ -25,6 +25,7 @@ from deshybrid.stochastic.belief import Belief, Posterior, read_only
 from deshybrid.stochastic.gating import Gate
 from deshybrid.stochastic.gaussian import squared_norm
 from deshybrid.stochastic.lanes import times
+from deshybrid.stochastic.noise import require_fixed_noise
 from deshybrid.stochastic.system import StochasticSystem
 
 FLOOR = 0.1
@@ -49,6 +50,7 @@ class ResidualBelief:
         >>> ResidualBelief.prior(calm_and_wild()).error_mean.tolist()
         [[0.0], [0.0]]
         """
+        require_fixed_noise(system.modes, "`rmimm`")
         belief = Belief.prior(system, trials)
         return cls(belief, np.zeros_like(belief.x))
 

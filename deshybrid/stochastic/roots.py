@@ -22,6 +22,7 @@ from deshybrid.stochastic.belief import Belief, Posterior, log_probability, log_
 from deshybrid.stochastic.gating import Gate, Judgement
 from deshybrid.stochastic.lanes import solve_lower, times
 from deshybrid.stochastic.multiple import expected, pushed, weighed
+from deshybrid.stochastic.noise import require_fixed_noise
 from deshybrid.stochastic.system import StochasticSystem
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
@@ -43,6 +44,7 @@ class RootBelief:
         >>> RootBelief.prior(calm_and_wild()).S.tolist()
         [[[1.0]], [[1.0]]]
         """
+        require_fixed_noise(system.modes, "the engine `roots`")
         belief = Belief.prior(system, trials)
         return cls(belief.x, np.broadcast_to(_root(system.P), belief.P.shape), belief.log_mu)
 

@@ -15,6 +15,7 @@ from deshybrid.linear.arrays import FloatArray
 from deshybrid.linear.sampling import covariance_root
 from deshybrid.stochastic.belief import read_only
 from deshybrid.stochastic.lanes import times
+from deshybrid.stochastic.noise import at
 from deshybrid.stochastic.switching import ModeNumbers
 from deshybrid.stochastic.system import StochasticSystem
 
@@ -51,12 +52,23 @@ def sample(
     states, outputs = [], []
     for k in range(rows):
         mode = known[..., k]
-        x = times(bank.F[mode], x) + bank.f[mode] + times(roots["Q"][mode], rng.standard_normal(x.shape))
+        grown = _grown(bank.process_by_state, mode, x, rng)
+        x = times(bank.F[mode], x) + bank.f[mode] + times(roots["Q"][mode], rng.standard_normal(x.shape)) + grown
         noise = times(roots["R"][mode], rng.standard_normal((*trials, bank.H.shape[1])))
+        noise = noise + _grown(bank.measurement_by_state, mode, x, rng)
+        if bank.tails is not None:
+            share, factor = bank.tails[mode, 0], bank.tails[mode, 1]
+            noise = noise * np.where(rng.random(trials) < share, np.sqrt(factor), 1.0)[..., None]
         z = times(bank.H[mode], x) + bank.g[mode] + noise
         states.append(x)
         outputs.append(np.where(bank.measured[mode], z, np.nan))
     return Runs(known, np.stack(states, axis=-2), np.stack(outputs, axis=-2))
+
+
+def _grown(by_state: FloatArray | None, mode: ModeNumbers, x: FloatArray, rng: np.random.Generator) -> FloatArray | float:
+    """e G x with e drawn for each trial."""
+    G = at(by_state, mode)
+    return 0.0 if G is None else rng.standard_normal(mode.shape)[..., None] * times(G, x)
 
 
 def _drawn(system: StochasticSystem, rows: int, rng: np.random.Generator, trials: tuple[int, ...]) -> ModeNumbers:

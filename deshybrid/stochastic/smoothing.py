@@ -24,6 +24,7 @@ from deshybrid.stochastic.belief import Belief, log_probability, log_sum, mixtur
 from deshybrid.stochastic.gating import Gate
 from deshybrid.stochastic.lanes import product, symmetric, times
 from deshybrid.stochastic.multiple import predict_imm, pushed, update
+from deshybrid.stochastic.noise import grown
 from deshybrid.stochastic.record import Estimates, estimate, rows_of
 from deshybrid.stochastic.system import StochasticSystem
 
@@ -86,7 +87,8 @@ def step_back(system: StochasticSystem, now: Belief, later: Belief, u: FloatArra
         pair = joint + (later.log_mu - predicted)[..., None]
     pair = np.where(np.isneginf(joint), -np.inf, pair)
     x, P = now.x[..., None, :, :], now.P[..., None, :, :, :]  # (..., 1, i, n)
-    F, Q = bank.F[:, None], bank.Q[:, None]
+    by_state = None if bank.process_by_state is None else bank.process_by_state[:, None]
+    F, Q = bank.F[:, None], grown(bank.Q[:, None], by_state, x, P)
     moved = times(F, x) + pushed(bank.B, bank.f, u)[..., :, None, :]
     FP = product(F, P)
     covariance = symmetric(product(FP, F.swapaxes(-1, -2)) + Q)

@@ -19,6 +19,7 @@ import numpy as np
 from deshybrid.linear.arrays import FloatArray, frozen_array
 from deshybrid.linear.observability import fixed_modes
 from deshybrid.stochastic.lanes import symmetric
+from deshybrid.stochastic.noise import require_fixed_noise
 from deshybrid.stochastic.system import Mode
 
 ON_THE_CIRCLE = 1e-8
@@ -94,6 +95,7 @@ def steady_state(mode: Mode) -> SteadyState:
     >>> steady_state(Mode("constant", F=[[1.0]], H=[[1.0]], Q=[[0.0]], R=[[1.0]])).reason
     'no process noise reaches its eigenvalue 1 on the unit circle'
     """
+    require_fixed_noise((mode,), "a steady-state filter")
     hidden, calm = fixed_modes(mode.F, mode.H), fixed_modes(mode.F.T, _root(mode.Q).T)
     undetectable = tuple(complex(v) for v in hidden if abs(v) >= 1.0 - ON_THE_CIRCLE)
     undisturbed = tuple(complex(v) for v in calm if abs(abs(v) - 1.0) <= ON_THE_CIRCLE)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshybrid.linear.arrays import FloatArray
-from deshybrid.stochastic import gaussian
+from deshybrid.stochastic import gaussian, noise
 from deshybrid.stochastic.gating import Gate, Judgement
 from deshybrid.stochastic.gaussian import Correction
 from deshybrid.stochastic.lanes import times
@@ -34,7 +34,8 @@ def predict(
     """
     bank = system.bank
     push = bank.f[mode] if u is None else times(bank.B[mode], u) + bank.f[mode]
-    return gaussian.predict(x, P, bank.F[mode], bank.Q[mode], push)
+    Q = noise.grown(bank.Q[mode], noise.at(bank.process_by_state, mode), x, P)
+    return gaussian.predict(x, P, bank.F[mode], Q, push)
 
 
 def update(
@@ -60,14 +61,16 @@ def update(
     offset = bank.g[mode] if u is None else times(bank.D[mode], u) + bank.g[mode]
     measured = np.where(bank.measured[mode], z, np.nan)
     residual = measured - times(bank.H[mode], x) - offset
-    correction = gaussian.update(x, P, residual, bank.H[mode], bank.R[mode])
+    R = noise.grown(bank.R[mode], noise.at(bank.measurement_by_state, mode), x, P)
+    tails = noise.at(bank.tails, mode)
+    correction = noise.update(x, P, residual, bank.H[mode], R, tails)
     if gate is None:
         return correction, Judgement.none(z.shape[:-1])
     distance = correction.distance[..., None]
     judgement = gate.judge(distance, np.zeros_like(distance), measured)
     if judgement.gated.any():
         residual = np.where(judgement.gated[..., None], np.nan, residual)
-        correction = gaussian.update(x, P, residual, bank.H[mode], bank.R[mode])
+        correction = noise.update(x, P, residual, bank.H[mode], R, tails)
     return correction, judgement
 
 

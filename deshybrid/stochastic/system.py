@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray, frozen_array
+from deshybrid.model.system import NoiseForm
 
 _ROUNDING = 1e-9
 
@@ -51,12 +52,27 @@ def checked_covariance(values: ArrayLike, size: int, name: str) -> FloatArray:
     return array
 
 
+def _checked_form(noise: NoiseForm, shape: tuple[int, int], of: str) -> NoiseForm:
+    p, n = shape
+    process, measurement = noise.process_by_state, noise.measurement_by_state
+    if not 0.0 <= noise.share <= 1.0 or not 1.0 <= noise.factor < np.inf:
+        text = f"the tails {of} have a share of {noise.share:g} and a factor of {noise.factor:g}"
+        raise UsageError(diagnostic("DH1104", text, helps=("a share lies between 0 and 1, a factor is at least 1",)))
+    return NoiseForm(
+        None if process is None else _checked(process, (n, n), f"`process_by_state` {of}"),
+        None if measurement is None else _checked(measurement, (p, n), f"`measurement_by_state` {of}"),
+        noise.share,
+        noise.factor,
+    )
+
+
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Mode:
     """x(k) = F x(k-1) + B u + f + w, z = H x + D u + g + v, with covariances Q of w and R of v.
 
     Shapes: F, Q (n, n), H (p, n), R (p, p), B (n, m), D (p, m), f (n,), g (p,); without B there is no input.
     `output_index`: the places of the p outputs among those of the whole system, by default the first p.
+    `noise`: in what w and v are more than white with these covariances (`deshybrid.stochastic.noise`).
     Raises `UsageError` (DH1104) where a shape does not fit or a covariance is none.
 
     >>> Mode("still", F=[[1.0]], H=[[1.0]], Q=[[0.0]], R=[[1.0]]).B.shape
@@ -73,6 +89,7 @@ class Mode:
     f: FloatArray
     g: FloatArray
     output_index: tuple[int, ...]
+    noise: NoiseForm
 
     def __init__(
         self,
@@ -87,6 +104,7 @@ class Mode:
         f: ArrayLike | None = None,
         g: ArrayLike | None = None,
         output_index: Sequence[int] | None = None,
+        noise: NoiseForm | None = None,
     ) -> None:
         n, p = _size(F, 0), _size(H, 0)
         given = D if B is None else B
@@ -103,6 +121,7 @@ class Mode:
             "f": _checked(np.zeros(n) if f is None else f, (n,), f"`f` {of}"),
             "g": _checked(np.zeros(p) if g is None else g, (p,), f"`g` {of}"),
             "output_index": tuple(range(p)) if output_index is None else tuple(output_index),
+            "noise": NoiseForm() if noise is None else _checked_form(noise, (p, n), of),
         }
         if len(values["output_index"]) != p or len(set(values["output_index"])) != p:
             raise UsageError(diagnostic("DH1104", f"`output_index` {of} does not place {p} different outputs"))
@@ -156,7 +175,8 @@ class Bank:
     """All modes as stacked arrays over all p outputs of the system; M modes.
 
     F, Q (M, n, n), H (M, p, n), R (M, p, p), B (M, n, m), D (M, p, m), f (M, n), g (M, p); `measured` (M, p) is true
-    where a mode measures an output, and where it does not the rows of H are zero.
+    where a mode measures an output, and where it does not the rows of H are zero.  Of the noise's form, each None where
+    no mode has it: `process_by_state` (M, n, n), `measurement_by_state` (M, p, n), share and factor of `tails` (M, 2).
     """
 
     F: FloatArray
@@ -168,6 +188,9 @@ class Bank:
     f: FloatArray
     g: FloatArray
     measured: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+    process_by_state: FloatArray | None = None
+    measurement_by_state: FloatArray | None = None
+    tails: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -218,7 +241,7 @@ class StochasticSystem:
         F, Q, B, f = (np.stack([getattr(mode, key) for mode in self.modes]) for key in "FQBf")
         for array in (F, H, Q, R, B, D, f, g, measured):
             array.flags.writeable = False
-        return Bank(F, H, Q, R, B, D, f, g, measured)
+        return Bank(F, H, Q, R, B, D, f, g, measured, *_forms(self.modes, outputs))
 
     @cached_property
     def comparable_bank(self) -> Bank:
@@ -252,6 +275,25 @@ def _padded(mode: Mode, outputs: int) -> tuple[np.ndarray[tuple[int, ...], np.dt
     H[places], D[places], g[places], measured[places] = mode.H, mode.D, mode.g, True
     R[np.ix_(places, places)] = mode.R
     return H, R, D, g, measured
+
+
+def _forms(modes: tuple[Mode, ...], outputs: int) -> tuple[FloatArray | None, FloatArray | None, FloatArray | None]:
+    """What the noise's form is in each mode, zeros where one has none; None where no mode has any."""
+    n, keys = len(modes[0].f), {key for mode in modes for key in mode.noise.keys}
+    process, measurement = np.zeros((len(modes), n, n)), np.zeros((len(modes), outputs, n))
+    for number, mode in enumerate(modes):
+        if mode.noise.process_by_state is not None:
+            process[number] = mode.noise.process_by_state
+        if mode.noise.measurement_by_state is not None:
+            measurement[number, list(mode.output_index)] = mode.noise.measurement_by_state
+    tails = np.array([[mode.noise.share, mode.noise.factor] for mode in modes])
+    for array in (process, measurement, tails):
+        array.flags.writeable = False
+    return (
+        process if "process_by_state" in keys else None,
+        measurement if "measurement_by_state" in keys else None,
+        tails if "tails" in keys else None,
+    )
 
 
 __all__ = ["Bank", "Mode", "ModeTransition", "StochasticSystem", "checked_covariance"]
