@@ -64,7 +64,9 @@ class NoiseForm:
         if keys:
             named = " and ".join(f"`{key}`" for key in keys)
             helps = ("`estimate` knows it with `imm`, `mmae` and `skf`; heavy tails are there instead of a gate",)
-            raise UsageError(diagnostic("DH1120", f"{what} does not know {named} of the noise of `{location}`", helps=helps))
+            raise UsageError(
+                diagnostic("DH1120", f"{what} does not know {named} of the noise of `{location}`", helps=helps)
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

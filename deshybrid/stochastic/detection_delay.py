@@ -25,9 +25,9 @@ from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic.belief import Belief, read_only
 from deshybrid.stochastic.gaussian import squared_norm
 from deshybrid.stochastic.multiple import predict_imm, predict_mmae, update
+from deshybrid.stochastic.noise import require_fixed_noise
 from deshybrid.stochastic.record import estimate
 from deshybrid.stochastic.sample import sample
-from deshybrid.stochastic.noise import require_fixed_noise
 from deshybrid.stochastic.system import StochasticSystem
 
 Bank: TypeAlias = Literal["imm", "mmae"]

@@ -76,7 +76,7 @@ class LinearFilter:
         form = self.mode.noise
         R = noise.grown(self.mode.R, form.measurement_by_state, x, P)
         tails = np.array([form.share, form.factor]) if form.share else None
-        return noise.update(x, P, z - times(self.mode.H, x) - offset, self.mode.H, R, tails)
+        return noise.update(x, P, z - times(self.mode.H, x) - offset, self.mode.H, R, tails=tails)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -102,13 +102,13 @@ def correct(
     measured = np.where(bank.measured, trials_last(z, 1)[..., None, :], np.nan)
     residual = measured - expected(bank, belief.x, u)
     R = noise.grown(bank.R, bank.measurement_by_state, belief.x, belief.P)
-    correction = noise.update(belief.x, belief.P, residual, bank.H, R, bank.tails)
+    correction = noise.update(belief.x, belief.P, residual, bank.H, R, tails=bank.tails)
     if gate is None:
         return correction, Judgement.none(z.shape[:-1])
     judgement = gate.judge(correction.distance, belief.log_mu, measured[..., 0, :])
     if judgement.gated.any():
         residual = np.where(judgement.gated[..., None, None], np.nan, residual)
-        correction = noise.update(belief.x, belief.P, residual, bank.H, R, bank.tails)
+        correction = noise.update(belief.x, belief.P, residual, bank.H, R, tails=bank.tails)
     return correction, judgement
 
 

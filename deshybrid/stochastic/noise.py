@@ -4,12 +4,12 @@ In: the Gaussian x, P of each mode, and the form of its noise, G for noise e G x
 Out: covariances, and the Gaussian after a measurement.
 
 Noise e G x, e white with variance 1 and independent of x, has mean 0 and covariance G (P + x xᵀ) Gᵀ: put into the
-Kalman filter, mean and covariance stay those of the best linear estimate (Rajasekaran, Satyanarayana and Srinath, 1971).
+Kalman filter, mean and covariance stay those of the best linear estimate (Rajasekaran et al., 1971).
 A position that is late by a random time has such a noise, G taking the velocity out of the state.
 
 Heavy tails are those of a contaminated normal: a share ε of the rows has c R for R.  Given the Gaussian before the row,
 the state after it is a mixture of two Gaussians, that of c R with the probability that the row is one of those, and
-the likelihood is (1 - ε) N(r; 0, H P Hᵀ + R) + ε N(r; 0, H P Hᵀ + c R): both exact.  One Gaussian with the same mean and
+the likelihood is (1 - ε) N(r; 0, H P Hᵀ + R) + ε N(r; 0, H P Hᵀ + c R): both exact.  One Gaussian of the same mean and
 covariance goes on.  Student's t would need an iteration and has no likelihood in closed form, by which modes are
 weighed.  With ε = 0 or c = 1 this is the Kalman filter.
 
@@ -44,7 +44,7 @@ def grown(covariance: FloatArray, by_state: FloatArray | None, x: FloatArray, P:
 
 
 def update(
-    x: FloatArray, P: FloatArray, residual: FloatArray, H: FloatArray, R: FloatArray, tails: FloatArray | None
+    x: FloatArray, P: FloatArray, residual: FloatArray, H: FloatArray, R: FloatArray, *, tails: FloatArray | None
 ) -> Correction:
     """Return the Gaussian given a residual (..., p), as `gaussian.update`; share and factor of `tails` (..., 2).
 
@@ -53,9 +53,9 @@ def update(
 
     >>> zero, one = np.zeros(1), np.eye(1)
     >>> far = np.array([20.0])
-    >>> update(zero, one, far, one, one, np.array([0.01, 1e4])).x.round(3).tolist()
+    >>> update(zero, one, far, one, one, tails=np.array([0.01, 1e4])).x.round(3).tolist()
     [0.002]
-    >>> update(zero, one, far, one, one, None).x.round(3).tolist()
+    >>> update(zero, one, far, one, one, tails=None).x.round(3).tolist()
     [10.0]
     """
     if tails is None:

@@ -23,8 +23,8 @@ import numpy as np
 
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.linear.observability import observability_index
-from deshybrid.stochastic.outputs import OutputGaussian, staying
 from deshybrid.stochastic.noise import require_fixed_noise
+from deshybrid.stochastic.outputs import OutputGaussian, staying
 from deshybrid.stochastic.system import Mode, StochasticSystem
 
 ROUNDING = 1e-9

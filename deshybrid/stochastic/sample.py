@@ -65,7 +65,9 @@ def sample(
     return Runs(known, np.stack(states, axis=-2), np.stack(outputs, axis=-2))
 
 
-def _grown(by_state: FloatArray | None, mode: ModeNumbers, x: FloatArray, rng: np.random.Generator) -> FloatArray | float:
+def _grown(
+    by_state: FloatArray | None, mode: ModeNumbers, x: FloatArray, rng: np.random.Generator
+) -> FloatArray | float:
     """e G x with e drawn for each trial."""
     G = at(by_state, mode)
     return 0.0 if G is None else rng.standard_normal(mode.shape)[..., None] * times(G, x)

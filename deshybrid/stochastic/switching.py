@@ -63,14 +63,14 @@ def update(
     residual = measured - times(bank.H[mode], x) - offset
     R = noise.grown(bank.R[mode], noise.at(bank.measurement_by_state, mode), x, P)
     tails = noise.at(bank.tails, mode)
-    correction = noise.update(x, P, residual, bank.H[mode], R, tails)
+    correction = noise.update(x, P, residual, bank.H[mode], R, tails=tails)
     if gate is None:
         return correction, Judgement.none(z.shape[:-1])
     distance = correction.distance[..., None]
     judgement = gate.judge(distance, np.zeros_like(distance), measured)
     if judgement.gated.any():
         residual = np.where(judgement.gated[..., None], np.nan, residual)
-        correction = noise.update(x, P, residual, bank.H[mode], R, tails)
+        correction = noise.update(x, P, residual, bank.H[mode], R, tails=tails)
     return correction, judgement
 
 

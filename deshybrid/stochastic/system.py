@@ -121,12 +121,12 @@ class Mode:
             "f": _checked(np.zeros(n) if f is None else f, (n,), f"`f` {of}"),
             "g": _checked(np.zeros(p) if g is None else g, (p,), f"`g` {of}"),
             "output_index": tuple(range(p)) if output_index is None else tuple(output_index),
-            "noise": NoiseForm() if noise is None else _checked_form(noise, (p, n), of),
         }
         if len(values["output_index"]) != p or len(set(values["output_index"])) != p:
             raise UsageError(diagnostic("DH1104", f"`output_index` {of} does not place {p} different outputs"))
         for key, value in values.items():
             object.__setattr__(self, key, value)
+        object.__setattr__(self, "noise", NoiseForm() if noise is None else _checked_form(noise, (p, n), of))
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
@@ -22,6 +22,7 @@ from tests.naive_filters import combined
 from tests.naive_noise import interacting, known
 
 SEEDS = st.integers(0, 2**32 - 1)
+FEW = settings(max_examples=15, deadline=None)
 
 
 def tailed(share: float, factor: float) -> NoiseForm:
@@ -54,10 +55,16 @@ def walk(*, share: float = 0.0, factor: float = 1.0, by_state: float | None = No
     return StochasticSystem((mode,), ModeTransition(("walk",), [[1.0]]), x=[0.0], P=[[1.0]], mu=[1.0])
 
 
-FORMS = [("tails",), ("process_by_state",), ("measurement_by_state",), ("process_by_state", "measurement_by_state", "tails")]
+FORMS = [
+    ("tails",),
+    ("process_by_state",),
+    ("measurement_by_state",),
+    ("process_by_state", "measurement_by_state", "tails"),
+]
 
 
 @pytest.mark.parametrize("forms", FORMS)
+@FEW
 @given(seed=SEEDS)
 def test_the_interacting_filter_is_that_of_the_definition(forms, seed):
     system = system_of(seed, *forms)
@@ -72,6 +79,7 @@ def test_the_interacting_filter_is_that_of_the_definition(forms, seed):
 
 
 @pytest.mark.parametrize("forms", FORMS)
+@FEW
 @given(seed=SEEDS)
 def test_the_filter_of_a_known_mode_is_that_of_the_definition(forms, seed):
     system = system_of(seed, *forms)
@@ -85,18 +93,21 @@ def test_the_filter_of_a_known_mode_is_that_of_the_definition(forms, seed):
         assert made.log_likelihood[k] == pytest.approx(log_likelihood, abs=1e-8)
 
 
+@FEW
 @given(
     spread=st.floats(0.05, 20.0),
     share=st.floats(0.001, 0.9),
     factor=st.floats(1.0, 1e4),
     residual=st.floats(-25.0, 25.0),
 )
-def test_mean_variance_and_likelihood_of_a_scalar_row_are_those_of_numerical_integration(spread, share, factor, residual):
+def test_mean_variance_and_likelihood_of_a_scalar_row_are_those_of_numerical_integration(
+    spread, share, factor, residual
+):
     def density(v):
         return (1.0 - share) * norm.pdf(v) + share * norm.pdf(v, scale=np.sqrt(factor))
 
     one = np.eye(1)
-    made = noise.update(np.zeros(1), spread * one, np.array([residual]), one, one, np.array([share, factor]))
+    made = noise.update(np.zeros(1), spread * one, np.array([residual]), one, one, tails=np.array([share, factor]))
     end = 14.0 * np.sqrt(spread) + abs(residual)
     x = np.linspace(-end, end, 20_001)  # equal steps: the error falls faster than any power of them
     weight = norm.pdf(x, scale=np.sqrt(spread)) * density(residual - x)
@@ -108,18 +119,20 @@ def test_mean_variance_and_likelihood_of_a_scalar_row_are_those_of_numerical_int
 
 
 @pytest.mark.parametrize("tails", [(0.0, 100.0), (0.3, 1.0), (1.0, 7.0)])
+@FEW
 @given(seed=SEEDS)
 def test_without_bad_rows_or_with_bad_ones_only_it_is_the_kalman_filter(tails, seed):
     rng = np.random.default_rng(seed)
     x, P, H = rng.normal(size=3), np.eye(3), rng.normal(size=(2, 3))
     residual = rng.normal(size=2) * 10.0
-    made = noise.update(x, P, residual, H, np.eye(2), np.array(tails))
+    made = noise.update(x, P, residual, H, np.eye(2), tails=np.array(tails))
     factor = tails[1] if tails[0] == 1.0 else 1.0
     plain = gaussian.update(x, P, residual, H, factor * np.eye(2))
     for name in ("x", "P", "log_likelihood", "residual", "S", "distance"):
         np.testing.assert_allclose(getattr(made, name), getattr(plain, name), rtol=1e-12, atol=1e-12)
 
 
+@FEW
 @given(seed=SEEDS)
 def test_many_trials_at_once_are_the_trials_alone_and_the_rows_one_by_one(seed):
     system = system_of(seed, *FORMS[-1])
@@ -133,6 +146,7 @@ def test_many_trials_at_once_are_the_trials_alone_and_the_rows_one_by_one(seed):
         np.testing.assert_allclose(belief.mean, together.x[trial, -1], rtol=1e-9, atol=1e-9)
 
 
+@FEW
 @given(seed=SEEDS)
 def test_the_filter_of_one_mode_behind_the_protocol_is_the_same(seed):
     system = system_of(seed, *FORMS[-1])
@@ -146,7 +160,7 @@ def test_the_filter_of_one_mode_behind_the_protocol_is_the_same(seed):
 
 
 def test_noise_that_grows_with_the_state_has_the_moments_of_drawn_runs():
-    """200,000 draws of 2 x + 0.5 e x + w and of z = x + 0.3 e' x + v: mean and covariance within four standard errors."""
+    """200,000 draws of 2 x + 0.5 e x + w and of z = x + 0.3 e' x + v: moments within four standard errors."""
     form = NoiseForm(np.array([[0.5]]), np.array([[0.3]]))
     mode = Mode("grows", F=[[2.0]], H=[[1.0]], Q=[[0.1]], R=[[0.2]], noise=form)
     system = StochasticSystem((mode,), ModeTransition(("grows",), [[1.0]]), x=[3.0], P=[[0.4]], mu=[1.0])
@@ -163,7 +177,9 @@ def test_with_late_positions_the_estimate_is_the_best_linear_one():
     """No other gain on the same residual has a smaller mean square error over 100,000 draws."""
     form = NoiseForm(None, np.array([[0.0, 0.5]]))
     mode = Mode("late", F=np.eye(2), H=[[1.0, 0.0]], Q=np.zeros((2, 2)), R=[[0.01]], noise=form)
-    system = StochasticSystem((mode,), ModeTransition(("late",), [[1.0]]), x=[0.0, 10.0], P=np.diag([4.0, 1.0]), mu=[1.0])
+    system = StochasticSystem(
+        (mode,), ModeTransition(("late",), [[1.0]]), x=[0.0, 10.0], P=np.diag([4.0, 1.0]), mu=[1.0]
+    )
     runs = sample(system, 1, seed=12, trials=(100_000,))
     posterior = update(system, predict_imm(system, Belief.prior(system)), np.array([1.0]))
     gain = posterior.belief.x[0] - np.array([0.0, 10.0])  # for a residual of one
@@ -219,7 +235,7 @@ def test_smoothing_takes_the_noise_that_the_step_really_had():
         ("a gate", lambda system: estimate(system, [[0.0]], gate=0.99)),
         ("a gate", lambda system: estimate_known(system, [[0.0]], [0], gate=0.99)),
         ("steady-state", lambda system: steady_state(system.modes[0])),
-        ("Gaussian of the outputs", lambda system: literal_verdict(system)),
+        ("Gaussian of the outputs", literal_verdict),
     ],
 )
 def test_what_takes_plain_noise_for_granted_refuses_heavy_tails(what, call):
