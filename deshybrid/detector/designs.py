@@ -17,6 +17,7 @@ Source: Balluchi et al. (2012), section 5.1.
 """
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import TypeAlias
 
 from deshybrid.detector.contrast import contrast
@@ -77,14 +78,20 @@ def design_generator(
 
 def _decoupling(system: HybridSystem, followed: Followed, made: Maker) -> ResidualGenerator:
     """The generator without the disturbances that the model names, or without those that buy contrast; one at least."""
+
+    def without(columns: tuple[int, ...]) -> ResidualGenerator:
+        found = made(decoupled(system, followed, columns))
+        names = ", ".join(f"`{system.disturbance_names[column]}`" for column in columns)
+        return replace(found, design=f"{found.design}; decoupled from {names}")
+
     names = system.observer.detector.decouple
     if names is not None:
-        return made(decoupled(system, followed, tuple(system.disturbance_names.index(name) for name in names)))
+        return without(tuple(system.disturbance_names.index(name) for name in names))
     best: tuple[tuple[int, ...], ResidualGenerator] | None = None
     while True:
         kept = () if best is None else best[0]
         sets = [tuple(sorted((*kept, column))) for column in decouplable(followed.dynamics, kept)]
-        found = {columns: made(decoupled(system, followed, columns)) for columns in sets}
+        found = {columns: without(columns) for columns in sets}
         choice = _best(system, ([best[1]] if best else []) + list(found.values()))
         if best is not None and choice is best[1]:
             return choice

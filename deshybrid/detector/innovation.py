@@ -46,6 +46,7 @@ def white_generator(system: HybridSystem, generator: ResidualGenerator) -> tuple
     change = gain - generator.gain
     made = replace(
         generator,
+        design="Kalman predictor, white residual",
         poles=tuple(complex(pole) for pole in np.log(sizes) / generator.step),
         F=frozen_array(F, (k, k)),
         input=frozen_array(generator.input - change @ generator.through, generator.input.shape),

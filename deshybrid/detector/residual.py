@@ -35,6 +35,7 @@ FASTEST_PER_STEP = 0.3
 DEFAULT_PER_STEP = 0.1
 SLOWEST_PER_STEP = 1e-3
 LEAST_PER_STEP = 2e-4
+PLACED = "Luenberger observer, poles placed"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +44,7 @@ class ResidualGenerator:
 
     Shapes: F (k, k), input (k, m), gain (k, p), offset (k,); H (q, k), through (q, m), J (q, p), residual_offset (q,);
     start (k, p), start_offset (k,); T (k, n), the state that z follows is T x.  `channels`: by row of the residual the
-    own output that it belongs to.  `poles` in rad/s.
+    own output that it belongs to.  `poles` in rad/s.  `design`: how its gain was found, in words.
 
     `held`: by own output, and last for all inputs, how many samples each is held back before it enters, so that all
     are of one time; `lag` is the largest, by which the residual is late.  Empty where nothing is.
@@ -65,6 +66,7 @@ class ResidualGenerator:
     start_offset: FloatArray
     T: FloatArray
     channels: tuple[int, ...]
+    design: str
     held: tuple[int, ...] = ()
 
     @property
@@ -174,14 +176,15 @@ def placed_generator(system: HybridSystem, followed: Followed, default: tuple[co
     step, k = followed.step, len(followed.A)
     poles = _poles(system, followed.location, default, step)
     if k == 0:
-        return generator_of(followed, np.zeros((0, len(followed.C))), poles)
+        return generator_of(followed, np.zeros((0, len(followed.C))), poles, PLACED)
     # Placed on (A - 1)/h, which tends to the plant's own for short steps, where A tends to 1 and loses its digits.
     wanted = tuple(np.expm1(np.array(poles) * step) / step)
-    return generator_of(followed, step * place_gain((followed.A - np.eye(k)) / step, followed.C, wanted), poles)
+    gain = step * place_gain((followed.A - np.eye(k)) / step, followed.C, wanted)
+    return generator_of(followed, gain, poles, PLACED)
 
 
-def generator_of(followed: Followed, gain: FloatArray, poles: tuple[complex, ...]) -> ResidualGenerator:
-    """Return the generator with L = gain (k, q); `poles` (rad/s) are those of A - L C."""
+def generator_of(followed: Followed, gain: FloatArray, poles: tuple[complex, ...], design: str) -> ResidualGenerator:
+    """Return the generator with L = gain (k, q), found as `design` says; `poles` (rad/s) are those of A - L C."""
     dynamics, W, T = followed.dynamics, followed.W, followed.T
     (q, p), (k, n), m = W.shape, T.shape, dynamics.B.shape[1]
     whole = followed.Y + gain @ W
@@ -203,6 +206,7 @@ def generator_of(followed: Followed, gain: FloatArray, poles: tuple[complex, ...
         start_offset=frozen_array(-start @ dynamics.g, (k,)),
         T=frozen_array(T, (k, n)),
         channels=followed.channels,
+        design=design,
     )
 
 

@@ -17,6 +17,7 @@ from deshybrid.emit.dot import des_dot, observer_dot
 from deshybrid.emit.drawing import render_drawing
 from deshybrid.emit.picture import printable
 from deshybrid.emit.provenance import Provenance
+from deshybrid.emit.report_detector import signature_designs
 from deshybrid.emit.report_numbers import count, number, quantity, roots, seconds
 from deshybrid.emit.report_runs import run_text, witness_rows
 
@@ -130,6 +131,7 @@ def _context(content: ReportContent) -> "Mapping[str, Any]":
         "figures": _figures(content, repaired=repaired),
         "charts": _charts(content),
         "feasibility": _feasibility(content),
+        "signature_designs": () if content.detector is None else signature_designs(content.detector),
         "theorem": _theorem,
         "persistent": frozenset(report.persistent),
         "confusions": _confusions(report),

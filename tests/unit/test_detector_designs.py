@@ -81,6 +81,7 @@ def test_the_torque_at_the_wheels_is_decoupled_from_every_gear_of_the_driveline(
     system = driveline(design="unknown_input", decouple=("T_w",))
     generator, rng = made(system, gear, step=0.012), np.random.default_rng(3)
     assert (len(generator.F), generator.channels) == (2, (0,))
+    assert generator.design == "Luenberger observer, poles placed; decoupled from `T_w`"
     w = np.zeros((80, 3))
     w[:, 0] = 800.0 * rng.choice([-1, 1], 80)
     x, u, v = np.array([0.1, 200.0, 50.0]), 100.0 * rng.normal(size=(80, 1)), np.zeros((80, 2))

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
@@ -261,6 +262,26 @@ def test_gains_eigenvalues_thresholds_and_cost_of_a_continuous_model_are_on_the_
         assert number(float(gains.gains[location][0, 0])) in text
     assert all(number(float(threshold.level[0])) + " m" in text for threshold in detector.thresholds)
     assert "Theorem 6 of Balluchi et al. (2012)" in text
+
+
+@pytest.mark.parametrize(
+    ("kind", "residual", "decision"),
+    [
+        ("relay", "Luenberger observer, poles placed", "relay: below the threshold in every output for"),
+        ("exclusion", "Luenberger observer, poles placed", "exclusion: every alternative beyond its bound for"),
+        ("sprt", "Kalman predictor, white residual", "probability ratio test (sprt, 10⁻⁵ false alarms a second)"),
+        ("glr", "Kalman predictor, white residual", "likelihood ratio test (glr, 10⁻⁵ false alarms a second)"),
+    ],
+)
+def test_the_page_names_residual_and_decision_of_each_signature(kind: str, residual: str, decision: str) -> None:
+    content, system = twin(), loads(TWIN.replace("step: 0.01}", f"step: 0.01, detector: {{decision: {kind}}}}}"))
+    assert content.plan is not None
+    assert content.gains is not None
+    detector = build_detector(system, content.plan, rate=content.gains.rate, step=0.01)
+    text = Page(emit_report(replace(content, system=system, detector=detector))).text
+    rows = text[text.index("signatureresidualdecision") : text.index("How each signature is made")]
+    assert f"s_soft{residual}{decision}" in rows
+    assert "s_stiffnone of its own: a negation of the residuals of the alternatives" in rows
 
 
 def test_page_without_graphviz_says_so_in_place_of_the_drawings(
