@@ -11,7 +11,7 @@ import typer
 
 from deshybrid.console import say, tell_beside, working
 from deshybrid.diagnostics import diagnostic
-from deshybrid.options import AsJson, Model, Output, Timeout
+from deshybrid.options import AsJson, Loss, Model, Output, Timeout
 
 NO = 1
 
@@ -22,6 +22,7 @@ def fit(
     vary: Annotated[list[str], typer.Option("--vary", help="a parameter to identify; may be repeated")],
     only: Annotated[list[str] | None, typer.Option(help="use this location only; may be repeated")] = None,
     by_ratio: Annotated[bool, typer.Option("--by-ratio", help="take locations from the model's `comparison`")] = False,
+    loss: Annotated[Loss, typer.Option(help="how errors count; `huber` makes little of outliers")] = "squares",
     timeout: Timeout = None,
     as_json: AsJson = False,
     output: Output = None,
@@ -38,7 +39,7 @@ def fit(
         source = read_source(model)
         system = elaborate(source)
         traces = [read_trace(path, system) for path in trace]
-        found = fit_parameters(source, traces, vary, only=only, by_ratio=by_ratio)
+        found = fit_parameters(source, traces, vary, only=only, by_ratio=by_ratio, loss=loss)
     write_result(output, found.model_text.encode())
     tell_beside(output, to_json(found.record()) if as_json else f"{found}\n")
     hidden = [estimate.name for estimate in found.estimates if estimate.error == float("inf")]

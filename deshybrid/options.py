@@ -52,6 +52,7 @@ GainMethod = Annotated[
 ]
 DrawFormat = Literal["svg", "png", "pdf", "dot", "mmd", "graphml"]
 DrawWhat = Literal["des", "dprime", "observer", "complementary", "complementary-observer"]
+Loss = Literal["squares", "huber"]
 TraceFile = Annotated[str, typer.Option("--trace", help="a trace as CSV, or - for standard input")]
 FilterMethod = Annotated[
     Literal["mmae", "imm", "rmimm", "skf"], typer.Option("--method", help="the filter; `skf` knows the location")

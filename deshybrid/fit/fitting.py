@@ -6,139 +6,44 @@ errors and intervals, and the model's text with the new numbers.
 Idea: prediction error.  In every stretch of known location a Kalman filter predicts each sample from those before it,
 with free initial state; disturbances that enter the location wander at random.  The likelihood of all errors is largest
 where the sum of squares of r = white · exp(Σ log det S / 2N) is least, for whitened errors `white` of N numbers: so one
-least-squares problem finds the parameters together with the noise levels, whose common factor drops out.  Covariance:
-(Jᵀ J)⁻¹ Σr²/N, the curvature of the likelihood there.  A parameter keeps its sign (its logarithm is searched); one
-that starts at 0 is searched as it is.
+least-squares problem finds the parameters together with the noise levels, whose common factor drops out.  A parameter
+keeps its sign (its logarithm is searched); one that starts at 0 is searched as it is.
+
+`huber`: Σ ρ(r) with ρ(r) = r²/2 up to c and c |r| - c²/2 beyond, c = 1.345 robust deviations (1.4826 times the median
+of |r|), so that an outlier counts by its sign alone.  The deviation is taken from the minimum before, three times.
 
 Exact for data made as the filter assumes, for many samples.  Where it does not, the errors are correlated: the result
-tells by how much, and intervals are then too narrow.
+tells by how much, and intervals count it (`uncertainty`).
 
-Some tens of passes over the data for each parameter.  Source: Ljung, System Identification, sections 7.2, 7.4 and 9.
+Some tens of passes over the data for each parameter.  Source: Ljung, System Identification, sections 7.2, 7.4, 9, 15.2;
+Huber and Ronchetti, Robust Statistics, section 7.8.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deshybrid.diagnostics import GainError, ModelError, UsageError, diagnostic
 from deshybrid.fit.predictor import Doubt, build_predictor
+from deshybrid.fit.result import HUBER, Estimate, Fit, Loss
 from deshybrid.fit.stretches import Stretch, stretches_of
+from deshybrid.fit.uncertainty import Spread, spread_of
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.elaborate import elaborate
-from deshybrid.model.parameters import parameter_text, with_parameters
+from deshybrid.model.parameters import with_parameters
 from deshybrid.model.problems import Problems
 from deshybrid.model.scope import build_scope
 from deshybrid.model.source import SourceModel
 from deshybrid.model.system import HybridSystem
 from deshybrid.simulate.trace import Trace
 
-FORMAT = "deshybrid-fit/1"
-CONFIDENCE = 0.95
 _STEP = 1e-4  # of the search's coordinates, for differences
 _FARTHEST = 20.0  # of a logarithm: what is not seen in the data must not run away
-_BLIND = 1e-7  # relative singular value of J below which its direction is not seen in the data
+_ROUNDS = 3  # of the robust deviation
 _WORST = 1e6  # a whitened error that stands for parameters with which there is no prediction
-
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """One parameter: where it started, what was found, its standard error and its interval of 95 %.
-
-    `error` is infinite where the traces say nothing about the parameter, or not apart from others.
-    """
-
-    name: str
-    start: float
-    value: float
-    error: float
-    interval: tuple[float, float]
-
-    @property
-    def written(self) -> str:
-        """The value with as many digits as its standard error makes worth writing."""
-        known = np.isfinite(self.error) and self.error > 0.0 and self.value != 0.0
-        digits = int(np.ceil(np.log10(abs(self.value) / self.error))) + 3 if known else 6
-        return f"{self.value:.{min(max(digits, 3), 15)}g}"
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """The outcome of an identification.
-
-    `covariance` (k, k) of the parameters' search coordinates: relative to a parameter's value where that does not start
-    at 0; NaN where the traces say nothing.  `noise`: standard deviation by output; `drift`: intensity by wandering
-    disturbance, per square root of a second, with the time in s after which it is forgotten; `correlation`: the largest
-    correlation of a whitened error with the one before it.
-    """
-
-    source: SourceModel
-    estimates: tuple[Estimate, ...]
-    covariance: FloatArray
-    noise: Mapping[str, float]
-    drift: Mapping[str, tuple[float, float]]
-    correlation: float
-    stretches: tuple[Stretch, ...]
-
-    @property
-    def rows(self) -> int:
-        """Samples that the fit used."""
-        return sum(len(stretch.outputs) for stretch in self.stretches)
-
-    @property
-    def determined(self) -> bool:
-        """Whether the traces determine every parameter that was asked for."""
-        return all(math.isfinite(estimate.error) for estimate in self.estimates)
-
-    @cached_property
-    def model_text(self) -> str:
-        """The text of the model file with the estimates in place of the numbers they started from."""
-        return parameter_text(self.source, {estimate.name: estimate.written for estimate in self.estimates})
-
-    def record(self) -> dict[str, object]:
-        """Return the result as a tree for JSON; what is not determined has no error and no interval (null)."""
-        return {
-            "format": FORMAT,
-            "name": elaborate(self.source).name,
-            "rows": self.rows,
-            "stretches": len(self.stretches),
-            "confidence": CONFIDENCE,
-            "determined": self.determined,
-            "parameters": [_estimate_record(estimate) for estimate in self.estimates],
-            "relative_covariance": self.covariance.tolist() if self.determined else None,
-            "noise": dict(self.noise),
-            "drift": {name: {"intensity": size, "memory": memory} for name, (size, memory) in self.drift.items()},
-            "correlation": self.correlation,
-        }
-
-    def __str__(self) -> str:
-        width = max(len("parameter"), *(len(estimate.name) for estimate in self.estimates))
-        lines = [f"{self.rows} samples in {len(self.stretches)} stretches of known location"]
-        lines.append(f"{'parameter':<{width}}       start    estimate   std error  interval of 95 %")
-        for e in self.estimates:
-            seen = math.isfinite(e.error)
-            tail = f"{e.error:>10.3g}  {e.interval[0]:.6g} to {e.interval[1]:.6g}" if seen else "  not determined"
-            lines.append(f"{e.name:<{width}}  {e.start:>10.6g}  {e.value:>10.6g}  {tail}")
-        lines += [f"noise of {name}: {size:.3g}" for name, size in self.noise.items()]
-        lines += [
-            f"drift of {name}: {size:.3g} per square root of a second, forgotten within {memory:.3g} s"
-            for name, (size, memory) in self.drift.items()
-        ]
-        lines.append(f"correlation of a prediction error with the one before: at most {self.correlation:.2f}")
-        return "\n".join(lines)
-
-
-def _estimate_record(estimate: Estimate) -> dict[str, object]:
-    seen = math.isfinite(estimate.error)
-    return {
-        "name": estimate.name,
-        "start": estimate.start,
-        "estimate": estimate.value,
-        "standard_error": estimate.error if seen else None,
-        "interval": list(estimate.interval) if seen else None,
-    }
 
 
 def fit_parameters(
@@ -148,10 +53,12 @@ def fit_parameters(
     *,
     only: Sequence[str] | None = None,
     by_ratio: bool = False,
+    loss: Loss = "squares",
 ) -> Fit:
     """Return the parameters `names` of a model file under which it predicts the traces best.
 
     `only`: use these locations; by default all.  `by_ratio`: take the location from the model's comparison of ratios.
+    `loss`: how prediction errors count, by their squares or, beyond 1.345 robust deviations, by their size (Huber).
 
     Raises `UsageError`: DH0730 and DH0731 for a parameter that cannot be fitted, DH0732 to DH0734 for traces, locations
     and models that are not enough.
@@ -172,7 +79,7 @@ def fit_parameters(
     places = [location.name for location in system.locations]
     found = stretches_of(traces, only=places if only is None else only, by_ratio=by_ratio)
     step = float(np.median(np.concatenate([np.diff(trace.time) for trace in traces])))
-    return _Search(source, system, tuple(names), found, step).fit()
+    return _Search(source, system, tuple(names), found, step).fit(loss)
 
 
 def _require(system: HybridSystem, only: Sequence[str] | None) -> None:
@@ -198,26 +105,40 @@ class _Search:
         self.numbers = sum(stretch.outputs.size for stretch in found)
         self.drifting = np.flatnonzero(self.doubt.drift > 0.0)
 
-    def fit(self) -> Fit:
+    def fit(self, loss: Loss) -> Fit:
         """Solve the problem and measure how sharp its minimum is."""
+        z = self._minimum(np.zeros(len(self.names) + len(self.doubt.noise) - 1 + 2 * len(self.drifting)), math.inf)
+        deviation, limit = float(np.sqrt(np.mean(self.residuals(z) ** 2))), math.inf
+        for _ in range(_ROUNDS if loss == "huber" else 0):
+            deviation = robust_deviation(self.residuals(z))
+            limit = HUBER * deviation
+            z = self._minimum(z, limit)
+        spread = spread_of(self._jacobian(z), self.residuals(z), self._samples(), limit=limit)
+        return self._result(z, spread, deviation, limit, loss)
+
+    def _minimum(self, start: FloatArray, limit: float) -> FloatArray:
+        """The minimum of Σ ρ(r), with ρ linear beyond the limit."""
         from scipy.optimize import least_squares
 
-        size = len(self.names) + len(self.doubt.noise) - 1 + 2 * len(self.drifting)
-        farthest = np.full(size, _FARTHEST)
+        farthest = np.full(len(start), _FARTHEST)
         farthest[: len(self.names)][self.start == 0.0] = np.inf
-        z = least_squares(
+        found = least_squares(
             self.residuals,
-            np.zeros(size),
+            start,
             bounds=(-farthest, farthest),
             x_scale="jac",
             diff_step=[_STEP],
             ftol=1e-6,
             xtol=1e-6,
-        ).x
-        J = self._jacobian(z)
-        scale = float(np.sum(self.residuals(z) ** 2)) / self.numbers
-        covariance = _covariance(J, scale)[: len(self.names), : len(self.names)]
-        return self._result(z, covariance, scale)
+            loss="huber" if math.isfinite(limit) else "linear",
+            f_scale=limit if math.isfinite(limit) else 1.0,
+        )
+        return np.asarray(found.x, dtype=np.float64)
+
+    def _samples(self) -> NDArray[np.intp]:
+        """By residual, the number of its sample."""
+        widths = np.concatenate([np.full(len(s.outputs), s.outputs.shape[1]) for s in self.stretches])
+        return np.repeat(np.arange(len(widths)), widths)
 
     def values(self, z: FloatArray) -> FloatArray:
         """The parameters at a point of the search."""
@@ -272,27 +193,43 @@ class _Search:
             columns.append((self.residuals(z + shift) - self.residuals(z - shift)) / (2.0 * shift.max()))
         return np.array(columns).T
 
-    def _result(self, z: FloatArray, covariance: FloatArray, scale: float) -> Fit:
-        from scipy.stats import t
-
-        factor = float(t.ppf(0.5 + CONFIDENCE / 2.0, max(1, self.numbers - len(z))))
-        spreads = np.sqrt(np.diag(covariance)).tolist()
-        parts = zip(self.names, self.start.tolist(), self.values(z).tolist(), spreads, strict=True)
-        estimates = tuple(_estimate(name, start, value, spread, factor) for name, start, value, spread in parts)
-        doubt, sigma = self._doubt(z), np.sqrt(scale) / np.exp(self._errors(z)[1] / (2.0 * self.numbers))
+    def _result(self, z: FloatArray, spread: Spread, deviation: float, limit: float, loss: Loss) -> Fit:
+        k = len(self.names)
+        covariance = spread.covariance[:k, :k]
+        parts = zip(
+            self.names,
+            self.start.tolist(),
+            self.values(z).tolist(),
+            np.sqrt(np.diag(covariance)).tolist(),
+            strict=True,
+        )
+        white, log_size = self._errors(z)
+        doubt, sigma = self._doubt(z), deviation / np.exp(log_size / (2.0 * self.numbers))
         drifts = {
             self.system.disturbance_names[place]: (float(sigma * doubt.drift[place]), float(doubt.memory[place]))
             for place in self.drifting
         }
         return Fit(
             self.source,
-            estimates,
+            tuple(_estimate(name, start, value, size, spread.factor) for name, start, value, size in parts),
             covariance,
             dict(zip(self.system.output_names, (sigma * doubt.noise).tolist(), strict=True)),
             drifts,
-            _correlation(self._errors(z)[0]),
+            _correlation(white),
+            loss,
+            float(np.mean(np.abs(self.residuals(z)) > limit)),
+            spread.lag,
             self.stretches,
         )
+
+
+def robust_deviation(residuals: FloatArray) -> float:
+    """Return 1.4826 times the median of |r|: the standard deviation of normal numbers, whatever a few outliers do.
+
+    >>> round(robust_deviation(np.array([1.0, -1.0, 1.0, 1e6])), 4)
+    1.4826
+    """
+    return max(1.4826 * float(np.median(np.abs(residuals))), 1e-300)
 
 
 def _estimate(name: str, start: float, value: float, spread: float, factor: float) -> Estimate:
@@ -331,23 +268,6 @@ def _first_doubt(system: HybridSystem, found: Sequence[Stretch]) -> Doubt:
     )
 
 
-def _covariance(J: FloatArray, scale: float) -> FloatArray:
-    """(Jᵀ J)⁻¹ times the scale; NaN in rows and columns of what the data do not see."""
-    norms = np.linalg.norm(J, axis=0)
-    blind = norms == 0.0
-    unit = J / np.where(blind, 1.0, norms)
-    _, singular, V = np.linalg.svd(unit, full_matrices=False)
-    seen = singular > _BLIND * singular[0]
-    inverse = np.where(seen, 1.0 / np.where(seen, singular, 1.0), 0.0)
-    norms[blind] = 1.0
-    covariance: FloatArray = scale * (V.T * inverse**2) @ V / np.outer(norms, norms)
-    hidden = (np.abs(V[~seen]) > 1e-3).any(axis=0) | blind
-    covariance[hidden] = np.nan
-    covariance[:, hidden] = np.nan
-    covariance.flags.writeable = False
-    return covariance
-
-
 def _correlation(white: Sequence[FloatArray]) -> float:
     """The largest correlation, over the outputs, of an error with the one before it in its stretch."""
     outputs = max(errors.shape[1] for errors in white)
@@ -359,4 +279,4 @@ def _correlation(white: Sequence[FloatArray]) -> float:
     return max(found)
 
 
-__all__ = ["Estimate", "Fit", "fit_parameters"]
+__all__ = ["fit_parameters", "robust_deviation"]

@@ -4,12 +4,13 @@ In: a `SourceModel` and numbers by parameter.  Out: a source model with these nu
 nothing else has changed: comments, order and layout stay.  Cost: that of a copy.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
 from deshybrid.diagnostics import Diagnostic, Span, UsageError, diagnostic
 from deshybrid.model.problems import did_you_mean
+from deshybrid.model.reader import read_tree
 from deshybrid.model.source import SourceModel
 from deshybrid.model.tree import Entry, MappingNode, ScalarNode
 
@@ -43,6 +44,7 @@ def with_parameters(source: SourceModel, values: Mapping[str, float]) -> SourceM
 def parameter_text(source: SourceModel, written: Mapping[str, str]) -> str:
     """Return the text of the model file with other numbers, as written here, in `parameters`.
 
+    A parameter that stands in a file that this one extends is written into this one, where it comes before the other.
     Raises `UsageError` as `with_parameters`.
 
     >>> from deshybrid.model.source import parse_source
@@ -50,15 +52,40 @@ def parameter_text(source: SourceModel, written: Mapping[str, str]) -> str:
     'parameters: {k: 3.25, b: 2*k}  # made up'
     """
     lines = source.text.text.split("\n")
-    places = sorted(((_written_here(source, name), text) for name, text in written.items()), key=_order, reverse=True)
-    for span, text in places:
+    spans = {name: _written(source, name).span for name in written}
+    here = [(span, written[name]) for name, span in spans.items() if span.source is source.text]
+    for span, text in sorted(here, key=_order, reverse=True):
         line, begin = lines[span.line - 1], span.column - 1
         lines[span.line - 1] = line[:begin] + text + line[begin + span.length :]
-    return "\n".join(lines)
+    added = {name: text for name, text in written.items() if spans[name].source is not source.text}
+    return "\n".join(_with_added(lines, source, added) if added else lines)
 
 
 def _order(place: tuple[Span, str]) -> tuple[int, int]:
     return place[0].line, place[0].column
+
+
+def _with_added(lines: Sequence[str], source: SourceModel, added: Mapping[str, str]) -> list[str]:
+    """The lines of a file that extends another with more parameters, in front of those that it has itself."""
+    own = read_tree(source.text)
+    block = own.get("parameters") if isinstance(own, MappingNode) else None
+    pairs = [f"{name}: {text}" for name, text in added.items()]
+    if block is not None:
+        return _in_front(lines, block.span, block.span, pairs)
+    extends = source.tree.entries["extends"].key.span
+    return _in_front(lines, own.span, extends, [f"parameters: {{{', '.join(pairs)}}}"])
+
+
+def _in_front(lines: Sequence[str], mapping: Span, key: Span, pairs: Sequence[str]) -> list[str]:
+    """The lines with more pairs in a mapping, in its style: behind its brace, or on lines above a key of it."""
+    row, column = mapping.line - 1, mapping.column
+    line = lines[row]
+    if line[column - 1 : column] == "{":
+        rest = line[column:]
+        comma = "" if rest.lstrip().startswith("}") else ", "
+        return [*lines[:row], line[:column] + ", ".join(pairs) + comma + rest, *lines[row + 1 :]]
+    above = key.line - 1
+    return [*lines[:above], *(" " * (key.column - 1) + pair for pair in pairs), *lines[above:]]
 
 
 def _written(source: SourceModel, name: str) -> ScalarNode:
@@ -72,14 +99,6 @@ def _written(source: SourceModel, name: str) -> ScalarNode:
     if not isinstance(entry.value, ScalarNode) or entry.value.offset is None:
         raise UsageError(_unreplaceable(name, entry.value.span))
     return entry.value
-
-
-def _written_here(source: SourceModel, name: str) -> Span:
-    """The place of a parameter in the text of the file itself, not of one that it extends."""
-    span = _written(source, name).span
-    if span.source is not source.text:
-        raise UsageError(_unreplaceable(name, span))
-    return span
 
 
 def _unreplaceable(name: str, span: Span) -> Diagnostic:
