@@ -4,7 +4,7 @@ In: a `Compilation` and the user's wishes.  Out: the bytes of every file by its 
 a failure leaves no half of a folder.  Where no observer exists, there is only the report with its drawings.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -18,6 +18,7 @@ from deshybrid.emit.drawing import draw
 from deshybrid.emit.picture import des_picture, dprime_picture, observer_picture
 from deshybrid.emit.provenance import Provenance
 from deshybrid.emit.records import check_record, recover_record, to_json
+from deshybrid.model.system import HybridSystem
 from deshybrid.observer.tables import StepTables
 
 if TYPE_CHECKING:
@@ -50,11 +51,11 @@ def files(made: Compilation, wishes: Wishes = Wishes()) -> dict[str, bytes]:
     if made.design.gains is not None:
         texts["design.json"] = to_json(made.design.document())
     if made.observer is not None:
-        texts |= _code(made.observer.tables, wishes, prefix, origin)
+        texts |= _observer_code(made.observer.tables, wishes, prefix, origin)
     names = (*texts, "report.html", "report.json", "MANIFEST.json")
     texts["report.html"] = emit_report(_content(made, wishes, prefix, origin, names))
     texts["report.json"] = to_json(record(made, wishes))
-    texts["MANIFEST.json"] = to_json(_manifest(made, wishes, origin, names))
+    texts["MANIFEST.json"] = manifest(origin, _options(made, wishes), names)
     return {name: text if isinstance(text, bytes) else text.encode() for name, text in texts.items()}
 
 
@@ -107,19 +108,23 @@ def format_of(output: Path | None) -> str:
 def provenance(made: Compilation) -> Provenance:
     """Return where the code of a compilation comes from and what is proven of it."""
     system = made.design.system
-    source, first = system.source, system.locations[0].span
-    file = "a system built in Python" if first is None else Path(first.source.name).name
     together = made.design.determined
     claims = [f"{c.theorem}: {c.reason}" for c in made.design.certificates]
     claims += [] if together is None else [f"{c.theorem}: {c.reason}" for c in together.certificates]
-    return Provenance(
-        model=system.name,
-        file=file,
-        sha256="none" if source is None else source.sha256,
-        tool_version=version("deshybrid"),
-        certificate=tuple(claims),
-        notes=_tracker_notes(made),
-    )
+    return replace(origin_of(system), certificate=tuple(claims), notes=_tracker_notes(made))
+
+
+def origin_of(system: HybridSystem) -> Provenance:
+    """Return from which model code comes, with nothing proven.
+
+    >>> from deshybrid.model.load import load
+    >>> origin_of(load("models/hwang2006/turn.yaml")).file
+    'turn.yaml'
+    """
+    source, first = system.source, system.locations[0].span
+    file = "a system built in Python" if first is None else Path(first.source.name).name
+    sha256 = "none" if source is None else source.sha256
+    return Provenance(system.name, file, sha256, version("deshybrid"))
 
 
 def _tracker_notes(made: Compilation) -> tuple[str, ...]:
@@ -174,18 +179,28 @@ def _drawings(made: Compilation) -> dict[str, bytes]:
     return {f"{name}.{kind}": draw(picture, kind) for name, picture in pictures.items() for kind in ("svg", "dot")}
 
 
-def _code(tables: StepTables, wishes: Wishes, prefix: str, origin: Provenance) -> dict[str, str]:
+def _observer_code(tables: StepTables, wishes: Wishes, prefix: str, origin: Provenance) -> dict[str, str]:
     from deshybrid.emit.c import emit_c
     from deshybrid.emit.python import emit_python
 
-    texts: dict[str, str] = {}
-    if "c" in wishes.targets:
-        code = emit_c(tables, prefix=prefix, real=wishes.real, provenance=origin)
-        texts |= {f"c/{name}": text for name, text in code.items()}
-    if "python" in wishes.targets:
-        code = emit_python(tables, prefix=prefix, provenance=origin)
-        texts |= {f"python/{name}": text for name, text in code.items()}
-    return texts
+    return code(
+        wishes,
+        c=lambda: emit_c(tables, prefix=prefix, real=wishes.real, provenance=origin),
+        python=lambda: emit_python(tables, prefix=prefix, provenance=origin),
+    )
+
+
+def code(
+    wishes: Wishes, *, c: Callable[[], Mapping[str, str]], python: Callable[[], Mapping[str, str]]
+) -> dict[str, str]:
+    """Return the files of the languages that are wished for, each in the folder of its language.
+
+    >>> code(Wishes(targets=("c",)), c=lambda: {"a.c": ""}, python=lambda: {"a.py": ""})
+    {'c/a.c': ''}
+    """
+    makers = {"c": c, "python": python}
+    wished = [target for target in makers if target in wishes.targets]
+    return {f"{target}/{name}": text for target in wished for name, text in makers[target]().items()}
 
 
 def _content(
@@ -235,15 +250,22 @@ def _options(made: Compilation, wishes: Wishes) -> dict[str, object]:
     }
 
 
-def _manifest(made: Compilation, wishes: Wishes, origin: Provenance, names: tuple[str, ...]) -> dict[str, object]:
-    return {
-        "format": "deshybrid-manifest/1",
-        "tool": "deshybrid",
-        "version": origin.tool_version,
-        "model": {"name": origin.model, "file": origin.file, "sha256": origin.sha256},
-        "options": _options(made, wishes),
-        "files": list(names),
-    }
+def manifest(origin: Provenance, options: Mapping[str, object], names: Sequence[str]) -> str:
+    """Return the text of MANIFEST.json: which tool made which files from which model, with which options.
+
+    >>> '"files": [' in manifest(Provenance("gearbox", "gearbox.yaml", "3f9c", "0.1.0"), {}, ["MANIFEST.json"])
+    True
+    """
+    return to_json(
+        {
+            "format": "deshybrid-manifest/1",
+            "tool": "deshybrid",
+            "version": origin.tool_version,
+            "model": {"name": origin.model, "file": origin.file, "sha256": origin.sha256},
+            "options": dict(options),
+            "files": list(names),
+        }
+    )
 
 
 def listing(folder: Path, files: Iterable[str]) -> str:

@@ -32,6 +32,7 @@ from deshybrid.options import (
     DwellTime,
     Every,
     GainMethod,
+    Gate,
     GeneratedFilter,
     MaxMemory,
     MaxStates,
@@ -212,6 +213,7 @@ def compile_model(
         str | None, typer.Option(help="prefix of all generated names; default: from the model's name")
     ] = None,
     kind: GeneratedFilter = None,
+    gate: Gate = None,
     rate: Rate = None,
     dwell: DwellTime = None,
     step: Step = None,
@@ -231,11 +233,11 @@ def compile_model(
         raise UsageError(diagnostic("DH0805", "`-o` names no folder"))
     folder = Path(output)
     wishes = bundle.Wishes(tuple(target or ("c", "python")), real, prefix)
-    if kind is not None:
+    if kind is not None or gate is not None:
         from deshybrid import filter_bundle
 
         with working("generating", timeout, max_memory):
-            texts = filter_bundle.files(_read(model, read_as), kind, wishes, step=step)
+            texts = filter_bundle.files(_read(model, read_as), kind, wishes, step=step, gate=gate)
         write_tree(folder, texts)
         manifest = texts["MANIFEST.json"].decode()
         return _write(None, manifest if as_json else bundle.listing(folder, texts))

@@ -3,64 +3,58 @@
 In: a stochastic model and the user's wishes.  Out: the bytes of every file by its name; nothing is written here.
 """
 
-from importlib.metadata import version
-from pathlib import Path
+from typing import Literal
 
-from deshybrid.bundle import Wishes
+from deshybrid import bundle
 from deshybrid.compiler import Source, to_hybrid
-from deshybrid.emit.filter_vectors import FilterKind
+from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.emit.filters import FilterModel, emit_filter_c, emit_filter_python
 from deshybrid.emit.identifiers import check_prefix, identifier
-from deshybrid.emit.provenance import Provenance
-from deshybrid.emit.records import to_json
-from deshybrid.model.system import HybridSystem
 from deshybrid.stochastic.from_model import stochastic_system
 
 
-def files(source: Source, kind: FilterKind, wishes: Wishes, *, step: float | None = None) -> dict[str, bytes]:
+def files(
+    source: Source,
+    kind: Literal["imm", "mmae", "rmimm", "skf"] | None,
+    wishes: bundle.Wishes,
+    *,
+    step: float | None = None,
+    gate: float | None = None,
+) -> dict[str, bytes]:
     """Return the files of a filter: name, with `/`, and bytes; `step` (s) is needed in continuous time only.
 
-    Raises `ModelError` (DH1101) and `UsageError` (DH0306, DH0601, DH0811 to DH0813, DH1103).
+    With a `gate` (a probability) the filter leaves outliers out, as `estimate` does.
 
-    >>> sorted(files("models/hwang2006/turn.yaml", "imm", Wishes()))[:2]
+    Raises `ModelError` (DH1101) and `UsageError` (DH0306, DH0601, DH0811 to DH0813, DH1103, DH1111; DH1113 for a filter
+    that is not generated, or a gate without a filter).
+
+    >>> sorted(files("models/hwang2006/turn.yaml", "imm", bundle.Wishes()))[:2]
     ['MANIFEST.json', 'c/CMakeLists.txt']
     """
+    if kind is None:
+        helps = ("name the filter: `--filter imm`, `mmae` or `skf`",)
+        raise UsageError(diagnostic("DH1113", "`--gate` is that of a generated filter, and none is", helps=helps))
+    if kind == "rmimm":
+        helps = ("generate `imm`: in no comparison here did `rmimm` make fewer errors",)
+        raise UsageError(diagnostic("DH1113", "`rmimm` is for comparison with the paper; no code is made", helps=helps))
     system = to_hybrid(source)
-    model = FilterModel(
-        stochastic_system(system, step=step), kind, system.state_names, system.input_names, system.output_names
-    )
+    names = (system.state_names, system.input_names, system.output_names)
+    model = FilterModel(stochastic_system(system, step=step), kind, *names, gate)
     prefix = identifier(system.name) if wishes.prefix is None else wishes.prefix
     check_prefix(prefix)
-    origin = _provenance(system)
-    texts: dict[str, str] = {}
-    if "c" in wishes.targets:
-        code = emit_filter_c(model, prefix=prefix, real=wishes.real, provenance=origin)
-        texts |= {f"c/{name}": text for name, text in code.items()}
-    if "python" in wishes.targets:
-        code = emit_filter_python(model, prefix=prefix, provenance=origin)
-        texts |= {f"python/{name}": text for name, text in code.items()}
+    origin = bundle.origin_of(system)
+    texts = bundle.code(
+        wishes,
+        c=lambda: emit_filter_c(model, prefix=prefix, real=wishes.real, provenance=origin),
+        python=lambda: emit_filter_python(model, prefix=prefix, provenance=origin),
+    )
     options = {
         "filter": kind,
         "targets": list(wishes.targets),
         "real": wishes.real,
         "prefix": wishes.prefix,
         "step": step,
+        "gate": gate,
     }
-    texts["MANIFEST.json"] = to_json(
-        {
-            "format": "deshybrid-manifest/1",
-            "tool": "deshybrid",
-            "version": origin.tool_version,
-            "model": {"name": origin.model, "file": origin.file, "sha256": origin.sha256},
-            "options": {**options, "step": step},
-            "files": [*texts, "MANIFEST.json"],
-        }
-    )
+    texts["MANIFEST.json"] = bundle.manifest(origin, options, (*texts, "MANIFEST.json"))
     return {name: text.encode() for name, text in texts.items()}
-
-
-def _provenance(system: HybridSystem) -> Provenance:
-    source, first = system.source, system.locations[0].span
-    file = "a system built in Python" if first is None else Path(first.source.name).name
-    sha256 = "none" if source is None else source.sha256
-    return Provenance(system.name, file, sha256, version("deshybrid"))

@@ -59,7 +59,8 @@ FilterMethod = Annotated[
 ]
 Lag = Annotated[int, typer.Option(min=0, help="rows after its own that an estimate may use; `imm` only")]
 GeneratedFilter = Annotated[
-    Literal["imm", "skf"] | None, typer.Option("--filter", help="generate this filter of a stochastic model instead")
+    Literal["imm", "mmae", "rmimm", "skf"] | None,
+    typer.Option("--filter", help="generate this filter of a stochastic model instead (`rmimm` is refused)"),
 ]
 Gate = Annotated[
     float | None, typer.Option(help="probability with which a good row is kept; one beyond it counts as missing")

@@ -1,7 +1,7 @@
 """A filter as flat constants, and rows with the results of its reference step: what generated filters are made from.
 
-In: a `StochasticSystem`, the method, a seed.  Out: `Constants` of `deshybrid.stochastic.stepwise`, whose numbers are
-`float` or `numpy.float32`, and recorded rows.  The rows are drawn from the system itself; some lack a measurement, some
+In: a `StochasticSystem`, the method, a gate, a seed.  Out: `Constants` of the reference step, whose numbers are `float`
+or `numpy.float32`, and recorded rows.  The rows are drawn from the system itself; some lack a measurement, some
 hold one that is no number or far out, and now and then the filter is reset.
 
 `count` reference steps.
@@ -15,29 +15,31 @@ import numpy as np
 from deshybrid.emit.ctables import Real
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import stepwise
+from deshybrid.stochastic.gating import PATIENCE, gate_limits
 from deshybrid.stochastic.noise import require_fixed_noise
 from deshybrid.stochastic.sample import sample
-from deshybrid.stochastic.stepwise import Constants, Out, Room, State
+from deshybrid.stochastic.stepwise_values import Constants, Out, Room, State
 from deshybrid.stochastic.system import StochasticSystem
 
-FilterKind = Literal["imm", "skf"]
+FilterKind = Literal["imm", "mmae", "skf"]
+_STEPS = {"imm": stepwise.imm, "mmae": stepwise.mmae}
 LARGEST = 1e30
 """Beyond it a number is taken for no measurement, and an estimate for a runaway."""
 _POWERS = {"double": 10, "float": 7}  # 2 ** 512 and 2 ** 64 are the last squares in range
 _LEAST = {"double": -700.0, "float": -80.0}
 
 
-def flat_constants(system: StochasticSystem, kind: FilterKind, real: Real) -> Constants:
-    """Return the numbers of a system in the order of the reference step.
+def flat_constants(system: StochasticSystem, kind: FilterKind, real: Real, *, gate: float | None = None) -> Constants:
+    """Return the numbers of a system in the order of the reference step; with a gate also its limits.
 
-    Raises `UsageError` (DH1103) where the modes of an IMM measure different outputs.
+    Raises `UsageError`: DH1103 where the modes of an IMM or MMAE measure different outputs, DH1111 for a wrong gate.
 
     >>> from deshybrid.stochastic.examples import calm_and_wild
     >>> flat_constants(calm_and_wild(), "imm", "double").Q
     (0.1, 9.0)
     """
     require_fixed_noise(system.modes, "a generated filter")
-    bank = system.comparable_bank if kind == "imm" else system.bank
+    bank = system.bank if kind == "skf" else system.comparable_bank
     modes, p, n = bank.H.shape
     number = float if real == "double" else np.float32
 
@@ -60,6 +62,8 @@ def flat_constants(system: StochasticSystem, kind: FilterKind, real: Real) -> Co
         powers=tuple(number(2.0 ** (2**i)) for i in range(_POWERS[real])),
         least=limits[0],
         largest=limits[1],
+        limits=() if gate is None else (number(0.0), *(number(limit) for limit in gate_limits(p, gate)[1:].tolist())),
+        patience=PATIENCE,
     )
 
 
@@ -87,12 +91,13 @@ def array_sizes(c: Constants, kind: FilterKind) -> dict[type, dict[str, int]]:
     >>> array_sizes(flat_constants(calm_and_wild(), "skf", "double"), "skf")[Out]
     {'x': 1, 'P': 1, 'told': 2}
     """
-    n, p, slots = c.n, c.p, c.modes if kind == "imm" else 1
+    n, p, slots = c.n, c.p, 1 if kind == "skf" else c.modes
     gaussians = {"x": slots * n, "P": slots * n * n}
     work = {"FP": n * n, "spread": n, "seen": p, "residual": slots * p, "S": slots * p * p}
-    work |= {"L": p * p, "W": p * n, "e": p, "fit": slots, "weight": c.modes, "predicted": c.modes}
+    work |= {"L": p * p, "W": p * n, "e": p, "before": c.m}
+    work |= {"distance": slots, "fit": slots, "weight": c.modes, "predicted": c.modes}
     return {
-        State: {**gaussians, "mu": c.modes, "held": c.m, "started": 1},
+        State: {**gaussians, "mu": c.modes, "held": c.m, "started": 1, "count": 1},
         Room: {**gaussians, **work},
         Out: {"x": n, "P": n * n, "told": 2},
     }
@@ -114,7 +119,14 @@ class Row:
 
 
 def record_rows(
-    system: StochasticSystem, kind: FilterKind, *, seed: int, count: int, real: Real = "double", reset_every: int = 0
+    system: StochasticSystem,
+    kind: FilterKind,
+    *,
+    seed: int,
+    count: int,
+    real: Real = "double",
+    reset_every: int = 0,
+    gate: float | None = None,
 ) -> tuple[Row, ...]:
     """Return `count` rows with the results of the reference step, from its start on.
 
@@ -122,7 +134,7 @@ def record_rows(
     >>> len(record_rows(calm_and_wild(), "imm", seed=1, count=20))
     20
     """
-    c = flat_constants(system, kind, real)
+    c = flat_constants(system, kind, real, gate=gate)
     number = float if real == "double" else np.float32
     state, room, out = new_filter(c, kind)
     rows = []
@@ -132,12 +144,12 @@ def record_rows(
             if reset:
                 stepwise.start(c, state)
             given, measured = [number(value) for value in u], [number(value) for value in z]
-            if kind == "imm":
-                status = stepwise.imm(c, state, room, out, given, measured)
-                mu = _floats(state.mu)
-            else:
+            if kind == "skf":
                 status = stepwise.known(c, state, room, out, given, measured, mode)
                 mu = tuple(float(j == mode) for j in range(c.modes))
+            else:
+                status = _STEPS[kind](c, state, room, out, given, measured)
+                mu = _floats(state.mu)
             told = (_floats(out.x), _floats(out.P), mu, _floats(out.told))
             rows.append(Row(_floats(given), _floats(measured), mode, reset, status, *told))
     return tuple(rows)

@@ -1,4 +1,4 @@
-"""Generated filters: the IMM and the switching Kalman filter of a model as C and as Python.
+"""Generated filters: IMM, MMAE and the switching Kalman filter of a model as C and as Python.
 
 In: a `StochasticSystem`, the names of its channels, where it came from.  Out: the texts of the files by their names.
 Idea: the matrices become `const` tables, the step is one fixed text that does what `deshybrid.stochastic.stepwise`
@@ -8,31 +8,31 @@ both types of numbers equal to the reference bit for bit.
 Linear in the size of the matrices.  Source: the reference step; ISO C99.
 """
 
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from deshybrid.emit.csource import C_FILES, braced, named, template_environment
 from deshybrid.emit.ctables import Real, Table
 from deshybrid.emit.filter_vectors import FilterKind, Row, array_sizes, flat_constants, record_rows
-from deshybrid.emit.identifiers import (
-    c_real,
-    check_names,
-    check_prefix,
-)
+from deshybrid.emit.identifiers import c_real, check_names, check_prefix
 from deshybrid.emit.provenance import Provenance, banner
-from deshybrid.stochastic import stepwise
-from deshybrid.stochastic.stepwise import Constants, Room, State
+from deshybrid.stochastic import stepwise_numbers
+from deshybrid.stochastic.stepwise_values import Constants, Room, State
 from deshybrid.stochastic.system import StochasticSystem
-
-if TYPE_CHECKING:
-    pass
 
 _ROWS, _SEED, _WIDTH = 120, 1, 110
 _BYTES = {"double": 8, "float": 4}
-_TITLES = {"imm": "IMM filter, location unknown", "skf": "switching Kalman filter, location known"}
+_TITLES = {
+    "imm": "IMM filter, location unknown",
+    "mmae": "MMAE filter, location unknown",
+    "skf": "switching Kalman filter, location known",
+}
+_REFERENCE = ("stepwise_values", "stepwise_numbers", "stepwise_gaussians", "stepwise")
+_IMPORT = re.compile(r"^from deshybrid\S* import (\([^)]*\)|.*)\n", re.MULTILINE)
 _TABLES = {
     "F": ("F", "by location: F, row by row"),
     "Q": ("Q", "by location: covariance of the process noise"),
@@ -47,8 +47,9 @@ _TABLES = {
     "P": ("prior_P", "one step before the first row"),
     "mu": ("prior_mu", "one step before the first row"),
     "powers": ("powers_of_two", "2, 2^2, 2^4, ..."),
+    "limits": ("gate_limits", "of the squared distance, by number of measured outputs"),
 }
-_ONLY_IMM = ("probability_to_from", "mu")
+_UNKNOWN_MODE = ("probability_to_from", "mu")
 _C_NAMES = {"x": "x0", "P": "P0"}  # of the room, beside those of the state
 
 
@@ -61,13 +62,14 @@ class FilterModel:
     state_names: tuple[str, ...]
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
+    gate: float | None = None
 
 
 def emit_filter_c(model: FilterModel, *, prefix: str, real: Real, provenance: Provenance) -> dict[str, str]:
     """Return the C code of a filter: the text of each file by its name; the same arguments give the same bytes.
 
     Raises `UsageError`: DH0811 for an unusable prefix, DH0812 for a name that no C string holds, DH0813 for a constant
-    that does not fit `real`, DH1103 where the modes of an IMM measure different outputs.
+    that does not fit `real`, DH1103 where the modes of an IMM or MMAE measure different outputs, DH1111.
 
     >>> from deshybrid.stochastic.examples import calm_and_wild
     >>> walk = FilterModel(calm_and_wild(), "imm", ("x",), (), ("y",))
@@ -91,14 +93,15 @@ def emit_filter_python(model: FilterModel, *, prefix: str, provenance: Provenanc
     ['walk.py']
     """
     check_prefix(prefix)
-    c = flat_constants(model.system, model.kind, "double")
+    c = flat_constants(model.system, model.kind, "double", gate=model.gate)
     sizes = array_sizes(c, model.kind)
-    rows = record_rows(model.system, model.kind, seed=_SEED, count=_ROWS, reset_every=_ROWS // 2)
+    rows = record_rows(model.system, model.kind, seed=_SEED, count=_ROWS, reset_every=_ROWS // 2, gate=model.gate)
     context = {
         "p": prefix,
         "known": model.kind == "skf",
+        "kind": model.kind,
         "banner": banner(provenance, _facts(model, c, "double", provenance)),
-        "source": (resources.files("deshybrid.stochastic") / "stepwise.py").read_text(encoding="utf-8").rstrip("\n"),
+        "source": "\n\n\n".join(_reference(name) for name in _REFERENCE),
         "constants": [f"{name}={_wrapped(value)}" for name, value in c._asdict().items()],
         "sizes": {made.__name__: list(entries.values()) for made, entries in sizes.items()},
         "states": ascii(model.state_names),
@@ -110,9 +113,17 @@ def emit_filter_python(model: FilterModel, *, prefix: str, provenance: Provenanc
     return {f"{prefix}.py": template_environment("filter", "c").get_template("filter.py.j2").render(context)}
 
 
+def _reference(module: str) -> str:
+    """The text of a module of the reference step, without its imports of the others."""
+    text = (resources.files("deshybrid.stochastic") / f"{module}.py").read_text(encoding="utf-8")
+    return _IMPORT.sub("", text).rstrip("\n")
+
+
 def _c_context(model: FilterModel, prefix: str, real: Real, origin: Provenance) -> Mapping[str, Any]:
-    c = flat_constants(model.system, model.kind, real)
-    rows = record_rows(model.system, model.kind, seed=_SEED, count=_ROWS, real=real, reset_every=_ROWS // 2)
+    c = flat_constants(model.system, model.kind, real, gate=model.gate)
+    rows = record_rows(
+        model.system, model.kind, seed=_SEED, count=_ROWS, real=real, reset_every=_ROWS // 2, gate=model.gate
+    )
     facts = _facts(model, c, real, origin)
     names = model.system.names
     known = model.kind == "skf"
@@ -121,6 +132,9 @@ def _c_context(model: FilterModel, prefix: str, real: Real, origin: Provenance) 
         "P": prefix.upper(),
         "real": real,
         "known": known,
+        "mixing": model.kind == "imm",
+        "gated": model.gate is not None,
+        "patience": c.patience,
         "origin": origin,
         "facts": facts,
         "banner": banner(origin, facts),
@@ -131,13 +145,13 @@ def _c_context(model: FilterModel, prefix: str, real: Real, origin: Provenance) 
         "powers": len(c.powers),
         "least": float(c.least),
         "largest": float(c.largest),
-        "log2_e": stepwise.LOG2_E,
-        "ln2_high": stepwise.LN2_HIGH,
-        "ln2_low": stepwise.LN2_LOW,
-        "root_2": stepwise.ROOT_2,
-        "half_log_2pi": stepwise.HALF_LOG_2PI,
-        "exp_terms": len(stepwise.EXP),
-        "log_terms": len(stepwise.LOG),
+        "log2_e": stepwise_numbers.LOG2_E,
+        "ln2_high": stepwise_numbers.LN2_HIGH,
+        "ln2_low": stepwise_numbers.LN2_LOW,
+        "root_2": stepwise_numbers.ROOT_2,
+        "half_log_2pi": stepwise_numbers.HALF_LOG_2PI,
+        "exp_terms": len(stepwise_numbers.EXP),
+        "log_terms": len(stepwise_numbers.LOG),
         "tables": _tables(c, real, known=known),
         "members": _members(c, model.kind, real),
         "locations": named(names, "UNKNOWN"),
@@ -150,11 +164,12 @@ def _c_context(model: FilterModel, prefix: str, real: Real, origin: Provenance) 
 
 
 def _tables(c: Constants, real: Real, *, known: bool) -> list[Table]:
-    numbers = {name: getattr(c, key) for key, (name, _) in _TABLES.items() if not (known and key in _ONLY_IMM)}
+    unused = {*(_UNKNOWN_MODE if known else ()), *(() if c.limits else ("limits",))}
+    numbers = {name: getattr(c, key) for key, (name, _) in _TABLES.items() if key not in unused}
     meanings = dict(_TABLES.values())
     if not known:
-        numbers["exp_series"], meanings["exp_series"] = stepwise.EXP, "1/13!, 1/12!, ..."
-    numbers["log_series"], meanings["log_series"] = stepwise.LOG, "1/21, 1/19, ..."
+        numbers["exp_series"], meanings["exp_series"] = stepwise_numbers.EXP, "1/13!, 1/12!, ..."
+    numbers["log_series"], meanings["log_series"] = stepwise_numbers.LOG, "1/21, 1/19, ..."
     tables = [
         _table(name, real, meanings[name], [c_real(float(value), real) for value in values])
         for name, values in numbers.items()
@@ -173,9 +188,11 @@ def _members(c: Constants, kind: FilterKind, real: Real) -> list[tuple[str, str,
     sizes = array_sizes(c, kind)
     kept = [(name, size, "") for name, size in sizes[State].items()]
     room = [(_C_NAMES.get(name, name), size, "room") for name, size in sizes[Room].items()]
-    unused = ("spread", "weight", "predicted", "mu") if kind == "skf" else ()
+    unused = {"spread", "weight", "predicted", "mu"} if kind == "skf" else set()
+    if not c.limits:
+        unused |= {"count"} if kind == "skf" else {"count", "distance"}
     arrays = [(name, max(size, 1), note) for name, size, note in (*kept, *room) if name not in unused]
-    flags = ("seen", "started")
+    flags = ("seen", "started", "count")
     typed = [(name, "uint8_t" if name in flags else real, size, note) for name, size, note in arrays]
     return [
         (name, kind_of if kind_of == "uint8_t" else "{}", size, note)
@@ -188,7 +205,7 @@ def _facts(model: FilterModel, c: Constants, real: Real, origin: Provenance) -> 
     n, m, p = c.n, c.m, c.p
     each = n * (n + m) + n**3 + n * n * (n + 1) // 2 + p * (m + n + n * n) + p * (p + 1) // 2 * n
     each += p * (p - 1) // 2 * (n + 2 * p + 1) + p * (n + n * (n + 1) // 2)
-    blends = c.modes * (c.modes + 1) * (n + n * (n + 1)) if model.kind == "imm" else 0
+    blends = {"imm": c.modes + 1, "mmae": 1, "skf": 0}[model.kind] * c.modes * (n + n * (n + 1))
     bytes_of_state = sum(
         size * (1 if kind == "uint8_t" else _BYTES[real]) for _, kind, size, _ in _members(c, model.kind, real)
     )
@@ -196,12 +213,18 @@ def _facts(model: FilterModel, c: Constants, real: Real, origin: Provenance) -> 
     tables = sum(table.bytes for table in _tables(c, real, known=model.kind == "skf"))
     return [
         f"{_TITLES[model.kind]}: {c.modes} locations, n = {n}, m = {m}, p = {p}, {real}.  No heap.",
-        f"One row: about {(c.modes if model.kind == 'imm' else 1) * each + blends} multiplications.",
+        f"One row: about {(1 if model.kind == 'skf' else c.modes) * each + blends} multiplications.",
         f"Memory: {whole} bytes of state, {tables} bytes of tables.",
         "Nothing is certified: a filter is as good as its model.  With a fitting one the mean of nis is the number of "
         "outputs.",
+        *([] if model.gate is None else [_gate_fact(model.gate, c.patience)]),
         *origin.notes,
     ]
+
+
+def _gate_fact(gate: float, patience: int) -> str:
+    until = f"it opens after {patience} in a row, and closes after {patience} rows in a row within it"
+    return f"Gate of {gate:g}: a row that no location expects with that probability is left out; {until}."
 
 
 def _vector(row: Row, n: int, real: Real, *, known: bool) -> str:
