@@ -4,7 +4,7 @@ In: the words of the command line.  Out: the estimates as CSV, the score beside 
 """
 
 from deshybrid.console import say, tell_beside, working
-from deshybrid.options import AsJson, EstimatePlot, FilterMethod, Gate, Lag, Model, Output, TraceFile
+from deshybrid.options import AsJson, EstimatePlot, FilterEngine, FilterMethod, Gate, Lag, Model, Output, TraceFile
 
 
 def estimate(
@@ -13,6 +13,7 @@ def estimate(
     method: FilterMethod = "imm",
     lag: Lag = 0,
     gate: Gate = None,
+    engine: FilterEngine = "numpy",
     plot: EstimatePlot = None,
     as_json: AsJson = False,
     output: Output = None,
@@ -23,7 +24,7 @@ def estimate(
     from deshybrid.emit.records import to_json
 
     with working("estimating"):
-        made = estimation.estimate_trace(model, trace, method=method, gate=gate, lag=lag)
+        made = estimation.estimate_trace(model, trace, method=method, gate=gate, lag=lag, engine=engine)
         picture = None if plot is None else estimation.plot(made)
     if plot is not None and picture is not None:
         write_whole(plot, picture)

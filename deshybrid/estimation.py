@@ -26,7 +26,7 @@ from deshybrid.simulate.table import decode, read_bytes
 from deshybrid.simulate.trace import Trace, parse_trace, quoted, shortest
 from deshybrid.stochastic.from_model import require_stochastic, stochastic_system
 from deshybrid.stochastic.gating import PATIENCE
-from deshybrid.stochastic.record import Estimates, estimate, estimate_known
+from deshybrid.stochastic.record import Engine, Estimates, estimate, estimate_known
 from deshybrid.stochastic.score import Consistency, Switch, nees, switches
 from deshybrid.stochastic.smoothing import smooth
 from deshybrid.stochastic.system import StochasticSystem
@@ -45,6 +45,7 @@ class Estimation:
     gate: float | None = None
     lag: int = 0
     gaps: tuple[int, ...] = ()  # how many rows are missing in each gap
+    engine: Engine = "numpy"
 
     @cached_property
     def location(self) -> tuple[str, ...]:
@@ -114,6 +115,7 @@ class Estimation:
             "format": "deshybrid-estimate/1",
             "name": self.trace.system.name,
             "method": self.method,
+            "engine": self.engine,
             "rows": len(self.trace),
             "missing_rows": sum(self.gaps),
             "log_likelihood": self.log_likelihood,
@@ -184,14 +186,20 @@ class Truth:
 
 
 def estimate_trace(
-    source: Source, trace: str | Path, *, method: EstimateMethod = "imm", gate: float | None = None, lag: int = 0
+    source: Source,
+    trace: str | Path,
+    *,
+    method: EstimateMethod = "imm",
+    gate: float | None = None,
+    lag: int = 0,
+    engine: Engine = "numpy",
 ) -> Estimation:
     """Return the estimates of a stochastic model (a path or a system) on a trace (a path, or - for standard input).
 
     A row that no location expects with the probability `gate` counts as missing, up to 5 in a row.  With a `lag`, which
-    `imm` alone has, an estimate uses so many rows after its own.
+    `imm` alone has, an estimate uses so many rows after its own.  `skf` and the smoother run on the engine `numpy`.
 
-    Raises `ModelError` (DH1101), `UsageError` (DH0306, DH1103, DH1105, DH1108, DH1111, DH1112) and `TraceError`
+    Raises `ModelError` (DH1101), `UsageError` (DH0306, DH1103, DH1105, DH1108, DH1109, DH1111, DH1112) and `TraceError`
     (DH0310 to DH0324; DH1106 where `skf` is not told the location of a row).
 
     >>> estimate_trace("models/hwang2006/turn.yaml", "models/hwang2006/turn.csv").location[:2]
@@ -199,6 +207,9 @@ def estimate_trace(
     """
     if lag and method != "imm":
         raise UsageError(diagnostic("DH1112", f"`{method}` has no smoother, so that its lag is 0"))
+    if engine != "numpy" and (lag or method == "skf"):
+        what = "the smoother" if lag else "`skf`"
+        raise UsageError(diagnostic("DH1109", f"the engine `{engine}` does not run {what}"))
     model = to_hybrid(source)
     require_stochastic(model)
     name, data = read_bytes(trace)
@@ -211,9 +222,9 @@ def estimate_trace(
     elif method == "imm" and lag:
         made = smooth(system, z, u, lag=lag, gate=gate)
     else:
-        made = estimate(system, z, u, method=method, gate=gate)
+        made = estimate(system, z, u, method=method, gate=gate, engine=engine)
     gaps = tuple(gap - 1 for gap in np.diff(at).tolist() if gap > 1)
-    return Estimation(samples, system, method, made.rows(at), gate, lag, gaps)
+    return Estimation(samples, system, method, made.rows(at), gate, lag, gaps, engine)
 
 
 def plot(made: Estimation) -> bytes:

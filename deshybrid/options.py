@@ -65,6 +65,10 @@ GeneratedFilter = Annotated[
 Gate = Annotated[
     float | None, typer.Option(help="probability with which a good row is kept; one beyond it counts as missing")
 ]
+FilterEngine = Annotated[
+    Literal["numpy", "numba", "roots"],
+    typer.Option("--engine", help="`numba` is fast (extra `numba`), `roots` keeps digits of variances far apart"),
+]
 EstimatePlot = Annotated[Path | None, typer.Option("--plot", help="write a plot as SVG (extra `plot`)")]
 Plots = Annotated[Path | None, typer.Option("--plots", help="write plots as SVG into this folder (extra `plot`)")]
 Between = Annotated[
@@ -82,6 +86,7 @@ __all__ = [
     "DwellTime",
     "EstimatePlot",
     "Every",
+    "FilterEngine",
     "FilterMethod",
     "GainMethod",
     "Gate",

@@ -228,6 +228,33 @@ def test_estimate_takes_every_method_of_the_contract():
     assert run("estimate", TURN, "--trace", FLIGHT, "--method", "best").returncode == 2
 
 
+def test_an_engine_gives_the_estimates_of_numpy_and_is_named_in_the_record(tmp_path):
+    pytest.importorskip("numba")
+    expected = estimate_trace(TURN, FLIGHT)
+    for engine in ("numba", "roots"):
+        done = run("estimate", TURN, "--trace", FLIGHT, "--engine", engine, "--json", "-o", tmp_path / "out.csv")
+        record = json.loads(done.stdout)
+        assert record["engine"] == engine
+        assert record["log_likelihood"] == pytest.approx(expected.log_likelihood, rel=1e-12)
+        made = [line.split(",")[4:] for line in (tmp_path / "out.csv").read_text().splitlines()[1:]]
+        np.testing.assert_allclose(np.array(made, dtype=float), expected.estimates.x, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("engine", "words"),
+    [
+        ("numba", ("--method", "skf")),
+        ("roots", ("--lag", "3")),
+        ("roots", ("--method", "mmae")),
+        ("numba", ("--gate", "0.99")),
+        ("numba", ("--method", "rmimm")),
+    ],
+)
+def test_what_an_engine_does_not_run_is_refused(engine, words):
+    done = run("estimate", TURN, "--trace", FLIGHT, "--engine", engine, *words)
+    assert (done.returncode, "error[DH1109]" in done.stderr, done.stdout) == (2, True, "")
+
+
 @pytest.mark.parametrize("method", ["mmae", "imm", "rmimm", "skf"])
 @pytest.mark.parametrize(
     "rows", ["0,1e250,calm\n1,1,calm\n", "0,,calm\n" + "".join(f"{k},,calm\n" for k in range(1, 9))]
