@@ -264,7 +264,7 @@ def test_the_json_of_every_example_is_json(name):
     from deshybrid.emit.records import to_json
 
     record = json.loads(to_json(analyse(MODELS / f"{name}.yaml").record()))
-    assert list(record) == ["format", "name", "modes", "holds", "observability", "convergence", "detection"]
+    assert list(record) == ["format", "name", "modes", "holds", "inputs", "observability", "convergence", "detection"]
 
 
 CONTINUOUS = """
