@@ -4,17 +4,12 @@ In: a detector.  Out: for each instrumented transition p -> q and each of the `m
 changes x, the least strength s for which the signature comes within the window, and the delay that is proven at full
 strength.
 
-While the plant is in q the residual of another location g is r = s ρ(k) + c(k) + (what its start, disturbance and noise
-add), so that in some row
-
-    |r| >= s |ρ(k)| - |c(k)| - |H F^k| ε - Σ_j |S_j E| w̄ - Σ_j |S_j G| v̄ - |J| v̄,
-
-with ε the worst error at the entry that the bounds allow (for the generator of p, where no reset changes x: the worst
-that is left after the dwell time) and S_j the response of plant and generator together.  The
-relay and its debounce are then run on these least values: whatever the plant does, the generator of g is active at
-most when this worst case is.  Its own generator, which a negation does without, is active for certain after its
-transient and debounce (`levels`).  The signature comes at the first sample at which the one holds and all others are
-inactive, for as long as the decision asks.  More strength never makes it later.
+While the plant is in q the residual of another location shows some least size at each sample (`least_residual`).  The
+relay and its debounce are run on these least values: whatever the plant does, the generator of g is active at most when
+this worst case is.  The delay found is then shortened by what several samples together exclude (`joint_residual`).  Its
+own generator, which a negation does without, is active for certain after its transient and debounce.  The signature
+comes at the first sample at which the one holds and all others are inactive, for as long as the decision asks.  More
+strength never makes it later.
 
 Assumed: the plant was in p for at least its dwell time, and named there for as long as an exclusion takes; samples are
 valid; bounds hold; the transition happens at a sample, from which delays count, and there the motion is as strong as
@@ -22,7 +17,8 @@ stated; u is the motion's.  Of decisions by tests (`sprt`, `glr`) nothing is pro
 Where s = 1 is not enough, or at rest without offsets, nothing is guaranteed.  That a name is true is another matter:
 `decision`.  Signatures of transitions with a discrete output are left out: their event comes first.
 
-Cost: K products of size n + k for each pair, with K the window in samples, and K decisions a bisection.
+Cost: that of `least_residual` for each pair, K decisions a bisection with K the window in samples, and some ten linear
+programs a motion.
 Source: this project's; Balluchi et al. (2012), section 4.1, assumes such a delay.
 """
 
@@ -34,15 +30,14 @@ import numpy as np
 
 from deshybrid.des.automaton import Transition
 from deshybrid.detector.detector import TransitionDetector
+from deshybrid.detector.joint_residual import gives_up, refuted
+from deshybrid.detector.least_residual import Entry, Rival, least_residuals, own_settled
 from deshybrid.detector.levels import Part, settling
-from deshybrid.detector.motions import Motion, equilibrium, motions
+from deshybrid.detector.motions import Motion, motions
 from deshybrid.detector.pairs import alternatives
-from deshybrid.detector.residual import ResidualGenerator, sampled_dynamics
-from deshybrid.detector.thresholds import absolute_sum, largest_state
-from deshybrid.detector.together import driven_together
+from deshybrid.detector.thresholds import largest_state
 from deshybrid.linear.arrays import FloatArray
-from deshybrid.linear.dynamics import LinearDynamics
-from deshybrid.model.system import HybridSystem, Location
+from deshybrid.model.system import HybridSystem
 
 HALVINGS = 20
 
@@ -116,7 +111,7 @@ def excitations(detector: TransitionDetector) -> tuple[Excitation, ...]:
     ...  transitions: [{from: on, to: off, event: a}, {from: off, to: on, event: b}],
     ...  observer: {dwell: 4, step: 0.02}}
     ... '''))
-    >>> [found.target for found in excitations(made.detector) if found.motion.name == "rest" and found.seconds]
+    >>> [found.target for found in excitations(made.detector) if found.motion.name == "rest" and found.least == 0]
     ['on', 'off']
     """
     taken = [number for signature in detector.plan.signatures for number in signature.transitions]
@@ -128,45 +123,41 @@ def excitations(detector: TransitionDetector) -> tuple[Excitation, ...]:
     return tuple(found for arc in ordered for found in _of_transition(detector, arc)) if detector.generators else ()
 
 
-class Rival(NamedTuple):
-    """Least weighted residuals of one generator, by sample and row (K, q): strength times `gain` less `loss`."""
-
-    gain: FloatArray
-    loss: FloatArray
-    on_ticks: int
-
-
 class Pair(NamedTuple):
-    """A transition of a detector, its own part (None where its signature needs none) and those of its rivals.
+    """A transition of a detector, the parts of its rivals and its own (None where its signature needs none).
 
-    `first`: the sample from which its own generator is active for certain; `reason`: why nothing is proven.
+    `reason`: why nothing is proven.
     """
 
-    source: Location
-    target: Location
-    rivals: tuple[Part, ...]
-    first: int
+    entry: Entry
+    rivals: tuple[Part, ...] = ()
+    own: Part | None = None
     reason: str = ""
 
 
+class Case(NamedTuple):
+    """What the rivals show at least under one motion, and from which sample on the own generator is active."""
+
+    rivals: tuple[Rival, ...]
+    first: int
+
+
 def _pair(detector: TransitionDetector, arc: Transition) -> Pair:
-    system, names = detector.system, alternatives(detector.plan.des, arc)
-    source, target = system.location(arc.source), system.location(arc.target)
-    if detector.decision.is_test:
-        return Pair(
-            source, target, (), 0, f"how long a test takes is a matter of chance (decision `{detector.decision.kind}`)"
-        )
+    system, names, decision = detector.system, alternatives(detector.plan.des, arc), detector.decision
+    entry = Entry(system.location(arc.source), system.location(arc.target), _keeps(system, arc))
+    if decision.is_test:
+        return Pair(entry, reason=f"how long a test takes is a matter of chance (decision `{decision.kind}`)")
     parts = {part.generator.location.name: part for part in _levels(detector)}
     by = {signature.location: signature.by for signature in detector.plan.signatures}
     rivals = tuple(parts[name] for name in names if name in parts)
     own = parts.get(arc.target) if by.get(arc.target) == "residual" or not _alone(detector, rivals) else None
     missing = [name for name in names if name not in parts]
     if own is None and missing:
-        return Pair(source, target, rivals, 0, f"`{missing[0]}` has no residual generator")
-    settled = 0 if own is None else settling(system, own)
-    if settled is None or any(largest_state(system, part.generator) is None for part in rivals):
-        return Pair(source, target, rivals, 0, "nothing bounds how long the transient of a residual lasts")
-    return Pair(source, target, rivals, settled + (0 if own is None else own.on_ticks))
+        return Pair(entry, reason=f"`{missing[0]}` has no residual generator")
+    settles = own is None or settling(system, own) is not None
+    if not settles or any(largest_state(system, part.generator) is None for part in rivals):
+        return Pair(entry, reason="nothing bounds how long the transient of a residual lasts")
+    return Pair(entry, rivals, own)
 
 
 def _levels(detector: TransitionDetector) -> Iterator[Part]:
@@ -183,22 +174,22 @@ def _alone(detector: TransitionDetector, rivals: tuple[Part, ...]) -> bool:
 
 def _of_transition(detector: TransitionDetector, arc: Transition) -> Iterator[Excitation]:
     system, pair = detector.system, _pair(detector, arc)
-    before = motions(system, pair.source, entered=False) if _keeps(system, pair) else ()
-    wanted = (*motions(system, pair.target), *before)
+    before = motions(system, pair.entry.source, entered=False) if pair.entry.keeps else ()
+    wanted = (*motions(system, pair.entry.target), *before)
     if pair.reason:
         yield from (Excitation(arc.source, arc.target, motion, None, None, pair.reason) for motion in wanted)
         return
-    for motion, rivals in zip(wanted, _rivals(detector, pair, wanted), strict=True):
-        yield _proven(detector, pair, motion, rivals)
+    for motion, case in zip(wanted, _cases(detector, pair, wanted), strict=True):
+        yield _proven(detector, pair.entry, motion, case)
 
 
-def _proven(detector: TransitionDetector, pair: Pair, motion: Motion, rivals: list[Rival]) -> Excitation:
-    ends = pair.source.name, pair.target.name
+def _proven(detector: TransitionDetector, entry: Entry, motion: Motion, case: Case) -> Excitation:
+    ends = entry.source.name, entry.target.name
 
     def tick(strength: float) -> int | None:
-        return _detected(detector, rivals, pair.first, strength)
+        return _detected(detector, case, strength)
 
-    full = tick(1.0)
+    full = _detected(detector, case, 1.0, jointly=True)
     if full is None:
         why = "nothing moves" if motion.kind == "rest" else "the residual of another location may stay small"
         return Excitation(*ends, motion, None, None, f"{why} within {detector.window:g} s")
@@ -217,14 +208,14 @@ def proven_seconds(detector: TransitionDetector, excitation: Excitation, strengt
     pair = _pair(detector, next(arc for arc in detector.plan.des.transitions if (arc.source, arc.target) == ends))
     if pair.reason:
         return None
-    (rivals,) = _rivals(detector, pair, (excitation.motion,))
-    tick = _detected(detector, rivals, pair.first, strength)
+    (case,) = _cases(detector, pair, (excitation.motion,))
+    tick = _detected(detector, case, strength, jointly=True)
     return None if tick is None else tick * detector.step
 
 
-def _keeps(system: HybridSystem, pair: Pair) -> bool:
+def _keeps(system: HybridSystem, ends: Transition) -> bool:
     """Whether no transition from the source to the target changes the state."""
-    arcs = (arc for arc in system.transitions if (arc.source, arc.target) == (pair.source.name, pair.target.name))
+    arcs = (arc for arc in system.transitions if (arc.source, arc.target) == (ends.source, ends.target))
     return all(
         arc.reset is None
         or (not arc.reset.offset.any() and np.array_equal(arc.reset.matrix, np.eye(len(arc.reset.offset))))
@@ -232,15 +223,38 @@ def _keeps(system: HybridSystem, pair: Pair) -> bool:
     )
 
 
-def _detected(detector: TransitionDetector, rivals: Sequence[Rival], first: int, strength: float) -> int | None:
-    """The first sample at which the own generator is active and all others have been inactive for long enough."""
-    least = [(strength * rival.gain - rival.loss).max(axis=1, initial=0.0) for rival in rivals]
-    inactive = [_inactive(row, rival.on_ticks, detector.release) for row, rival in zip(least, rivals, strict=True)]
-    alone = len(rivals) == 1  # the location just left, whose transient is over
+def _cases(detector: TransitionDetector, pair: Pair, wanted: Sequence[Motion]) -> list[Case]:
+    """By motion."""
+    system, samples, own = detector.system, detector.window_ticks + 1, pair.own
+    seen = [least_residuals(system, pair.entry, part, wanted, samples) for part in pair.rivals]
+    first = [0] * len(wanted)
+    if own is not None:
+        first = [settled + own.on_ticks for settled in own_settled(system, pair.entry, own, wanted)]
+    return [Case(tuple(rivals[number] for rivals in seen), first[number]) for number in range(len(wanted))]
+
+
+def _detected(detector: TransitionDetector, case: Case, strength: float, *, jointly: bool = False) -> int | None:
+    """The first sample at which the own generator is active and all others have been inactive for long enough.
+
+    `jointly`: what cannot be at several samples together counts too.
+    """
+    least = [(strength * rival.gain - rival.loss).max(axis=1, initial=0.0) for rival in case.rivals]
+    inactive = [_inactive(row, rival.on_ticks, detector.release) for row, rival in zip(least, case.rivals, strict=True)]
+    found = _first_silence(detector, case, inactive)
+    if not jointly or found is None or found == case.first:
+        return found
+    if len(case.rivals) == 1:
+        return gives_up(case.rivals[0], strength, detector.release, first=case.first, latest=found)
+    both = zip(case.rivals, (row[: found + 1] for row in inactive), strict=True)
+    return _first_silence(detector, case, [refuted(rival, row, strength, detector.release) for rival, row in both])
+
+
+def _first_silence(detector: TransitionDetector, case: Case, inactive: list[list[bool]]) -> int | None:
+    alone = len(case.rivals) == 1  # the location just left, whose transient is over
     needed, silent = 1 if alone else max(1, detector.decision.exclude_ticks), 0
-    for k in range(detector.window_ticks + 1):
+    for k in range(min((len(row) for row in inactive), default=detector.window_ticks + 1)):
         silent = silent + 1 if all(row[k] for row in inactive) else 0
-        if silent >= needed and k >= first:
+        if silent >= needed and k >= case.first:
             return k
     return None
 
@@ -258,99 +272,6 @@ def _inactive(least: FloatArray, on_ticks: int, release: float) -> list[bool]:
             active = waited >= on_ticks
         found.append(not active)
     return found
-
-
-def _rivals(detector: TransitionDetector, pair: Pair, wanted: Sequence[Motion]) -> list[list[Rival]]:
-    """By motion, by rival."""
-    seen = [_seen(detector, pair, part, wanted) for part in pair.rivals]
-    return [[rivals[number] for rivals in seen] for number in range(len(wanted))]
-
-
-def _seen(detector: TransitionDetector, pair: Pair, part: Part, wanted: Sequence[Motion]) -> list[Rival]:
-    """What the generator of `part` shows at least while the plant of the target moves, by motion, by sample."""
-    system, generator, dynamics = detector.system, part.generator, pair.target.dynamics
-    samples, q = detector.window_ticks + 1, len(generator.channels)
-    shown, loss = np.zeros((samples, q, len(wanted) + 1)), np.zeros((samples, q))
-    joint = driven_together(system, generator, pair.target)
-    if joint is not None and dynamics is not None:
-        row, moved = joint
-        n, k = len(dynamics.A), len(generator.F)
-        starts = _starts(system, generator, dynamics, wanted)
-        error, (held, smeared), noise = (
-            _error(system, pair, part),
-            _pushed(system, dynamics, generator),
-            _noise(part, system),
-        )
-        added = np.abs(generator.J) @ noise
-        for tick in range(generator.lag, samples):
-            shown[tick] = np.abs(row @ starts)
-            loss[tick] = np.abs(row[:, n : n + k]) @ error + added
-            added = added + np.abs(row[:, :n] @ held).sum(axis=1) + np.abs(row[:, :n]) @ smeared
-            added = added + np.abs(row[:, n : n + k] @ generator.gain) @ noise
-            row = row @ moved
-    level = part.threshold.level
-    found = []
-    for number, motion in enumerate(wanted):
-        known = shown[:, :, -1] * (-1.0 if motion.kind == "rest" else 1.0)
-        found.append(Rival(shown[:, :, number] / level, (loss + known) / level, part.on_ticks))
-    return found
-
-
-def _starts(
-    system: HybridSystem, generator: ResidualGenerator, dynamics: LinearDynamics, wanted: Sequence[Motion]
-) -> FloatArray:
-    """Columns of (x, z, u, 1): the motions, and last where the known offsets leave the state at rest."""
-    offset, T, m = equilibrium(system, dynamics), generator.T, len(system.input_names)
-    columns = [np.concatenate([motion.state, T @ motion.state, motion.input, [0.0]]) for motion in wanted]
-    return np.column_stack([*columns, np.concatenate([offset, T @ offset, np.zeros(m), [1.0]])])
-
-
-def _noise(part: Part, system: HybridSystem) -> FloatArray:
-    channels = list(part.generator.location.output_index)
-    return np.zeros(len(channels)) if system.bounds.measurement is None else system.bounds.measurement[channels]
-
-
-def _error(system: HybridSystem, pair: Pair, part: Part) -> FloatArray:
-    """The worst error (k,) of a rival's generator at the first sample in the target."""
-    worst = _worst_error(system, part.generator)
-    settled = part.generator.location.name == pair.source.name and _keeps(system, pair)
-    return _error_left(system, part, worst) if settled else worst
-
-
-def _worst_error(system: HybridSystem, generator: ResidualGenerator) -> FloatArray:
-    largest = largest_state(system, generator)
-    if largest is None or system.bounds.state is None:
-        return np.full(len(generator.F), np.inf)
-    return np.asarray(largest + np.abs(generator.T) @ system.bounds.state)
-
-
-def _error_left(system: HybridSystem, part: Part, worst: FloatArray) -> FloatArray:
-    """The worst error (k,) of a generator whose location the plant has been in for the dwell time."""
-    generator, noise = part.generator, _noise(part, system)
-    dwell = generator.location.dwell.min or system.observer.dwell
-    if dwell is None:
-        return worst
-    held, smeared = _pushed(system, generator.dynamics, generator)
-    pushed = [np.abs(generator.gain) @ noise, np.abs(generator.T @ held).sum(axis=1), np.abs(generator.T) @ smeared]
-    steady = absolute_sum(generator.F, np.eye(len(generator.F)), np.eye(len(generator.F))) @ np.sum(pushed, axis=0)
-    samples = max(0, int(dwell / generator.step) - generator.lag)
-    return np.asarray(np.minimum(worst, steady + np.abs(np.linalg.matrix_power(generator.F, samples)) @ worst))
-
-
-def _pushed(
-    system: HybridSystem, dynamics: LinearDynamics, generator: ResidualGenerator
-) -> tuple[FloatArray, FloatArray]:
-    """What the disturbance does in a step: columns (n, r) for one that is held, (n,) for one that varies in between."""
-    bound = system.bounds.disturbance
-    if bound is None:
-        return np.zeros((len(dynamics.A), 0)), np.zeros(len(dynamics.A))
-    held = sampled_dynamics(system, dynamics, generator.step).E * bound
-    if system.time_step is not None:
-        return held, np.zeros(len(dynamics.A))
-    from scipy.linalg import expm
-
-    rising = expm(np.abs(dynamics.A) * generator.step) - np.eye(len(dynamics.A))
-    return held, generator.step * rising @ np.abs(dynamics.E) @ bound
 
 
 __all__ = ["Excitation", "excitation_lines", "excitations", "proven_seconds"]
