@@ -70,7 +70,9 @@ class Belief:
 
     def __post_init__(self) -> None:
         for name in ("x", "P", "log_mu"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+            array = getattr(self, name)
+            if array.flags.writeable:
+                object.__setattr__(self, name, read_only(array))
 
     @classmethod
     def prior(cls, system: StochasticSystem, trials: tuple[int, ...] = ()) -> "Belief":

@@ -100,8 +100,7 @@ def condition(x: FloatArray, P: FloatArray, residual: FloatArray, cross: FloatAr
     [1.0]
     """
     residual, cross, S, count = _without_missing(residual, cross, S)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        L = cholesky(S)
+    L = cholesky(S)
     require_factor(S, L)
     white = solve_lower(L, np.concatenate([cross, residual[..., None]], axis=-1))
     W, e = white[..., :-1], white[..., -1]

@@ -25,6 +25,8 @@ def trials_last(array: FloatArray, core: int) -> FloatArray:
     >>> trials_last(np.zeros((100, 2, 3)), 2).strides
     (8, 2400, 800)
     """
+    if array.ndim == core:
+        return array
     return in_front(np.ascontiguousarray(behind(array, core)), core)
 
 
@@ -95,17 +97,23 @@ def symmetric(matrix: FloatArray) -> FloatArray:
 def cholesky(S: FloatArray) -> FloatArray:
     """Return lower triangular L with L Lᵀ = S, from its lower half; NaN in L where S is not positive definite.
 
-    Warnings of numpy about those are the caller's to silence.
-
     >>> cholesky(np.array([[4.0, 2.0], [2.0, 5.0]])).tolist()
     [[2.0, 0.0], [1.0, 2.0]]
     """
+    if S.shape[-1] > 1 and prod(S.shape[:-2]) <= _FEW:
+        try:
+            factor: FloatArray = np.asarray(np.linalg.cholesky(S), dtype=np.float64)
+        except np.linalg.LinAlgError:
+            pass  # some are not positive definite: below, one by one
+        else:
+            return factor
     L = np.zeros_like(S)  # in the order of S
-    for j in range(S.shape[-1]):
-        column = S[..., j:, j]
-        for k in range(j):
-            column = column - L[..., j:, k] * L[..., j, None, k]
-        L[..., j:, j] = column / np.sqrt(column[..., :1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for j in range(S.shape[-1]):
+            column = S[..., j:, j]
+            for k in range(j):
+                column = column - L[..., j:, k] * L[..., j, None, k]
+            L[..., j:, j] = column / np.sqrt(column[..., :1])
     return L
 
 

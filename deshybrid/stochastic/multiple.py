@@ -16,7 +16,7 @@ import numpy as np
 
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import gaussian, noise
-from deshybrid.stochastic.belief import Belief, Posterior, log_probability, log_sum, mixture_covariance, sealed
+from deshybrid.stochastic.belief import Belief, Posterior, log_sum, mixture_covariance, sealed
 from deshybrid.stochastic.gating import Gate, Judgement
 from deshybrid.stochastic.gaussian import Correction
 from deshybrid.stochastic.lanes import product, times, trials_last
@@ -43,8 +43,8 @@ def predict_imm(system: StochasticSystem, belief: Belief, u: FloatArray | None =
     >>> predict_imm(calm_and_wild(), Belief.prior(calm_and_wild())).P[:, 0, 0].tolist()
     [1.1, 10.0]
     """
-    mixed = mix(system, belief)
-    return _moved(system.comparable_bank, mixed.x, mixed.P, mixed.log_mu, u)
+    x, P, log_mu = _mixed(system, belief)
+    return _moved(system.comparable_bank, x, P, sealed(log_mu), u)
 
 
 def mix(system: StochasticSystem, belief: Belief) -> Belief:
@@ -54,16 +54,28 @@ def mix(system: StochasticSystem, belief: Belief) -> Belief:
     >>> mix(calm_and_wild(), Belief.prior(calm_and_wild())).x.tolist()
     [[0.0], [0.0]]
     """
+    x, P, log_mu = _mixed(system, belief)
+    return Belief(sealed(x), sealed(P), sealed(log_mu))
+
+
+def _mixed(system: StochasticSystem, belief: Belief) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """x_0j, P_0j, log µ⁻; of few beliefs P_0j is symmetric up to rounding only."""
     joint = _log_joint(system, belief)
     log_mu = log_sum(joint)
-    with np.errstate(invalid="ignore"):
+    possible = np.isfinite(log_mu)
+    if possible.all():
         weights = np.exp(joint - log_mu[..., None])  # (..., to, from)
-    if not np.isfinite(weights).all():
-        weights = np.where(np.isfinite(log_mu)[..., None], weights, np.eye(joint.shape[-1]))
+    else:
+        with np.errstate(invalid="ignore"):
+            weights = np.exp(joint - log_mu[..., None])
+        weights = np.where(possible[..., None], weights, np.eye(joint.shape[-1]))
     x = product(weights, belief.x)
     spread = belief.x[..., None, :, :] - x[..., :, None, :]
-    P = mixture_covariance(weights, spread, belief.P[..., None, :, :, :])
-    return Belief(sealed(x), sealed(P), sealed(log_mu))
+    if belief.x.ndim > 2:  # trials: one operation for all of them at each entry
+        return x, mixture_covariance(weights, spread, belief.P[..., None, :, :, :]), log_mu
+    modes, n = belief.x.shape
+    inner = (weights @ belief.P.reshape(modes, n * n)).reshape(modes, n, n)
+    return x, inner + (spread * weights[..., None]).swapaxes(-1, -2) @ spread, log_mu
 
 
 def update(
@@ -99,7 +111,9 @@ def correct(
     >>> correct(calm_and_wild().bank, Belief.prior(calm_and_wild()), np.array([2.0]), None)[0].x.round(12).tolist()
     [[1.0], [1.0]]
     """
-    measured = np.where(bank.measured, trials_last(z, 1)[..., None, :], np.nan)
+    measured = trials_last(z, 1)[..., None, :]
+    if not bank.whole:
+        measured = np.where(bank.measured, measured, np.nan)
     residual = measured - expected(bank, belief.x, u)
     R = noise.grown(bank.R, bank.measurement_by_state, belief.x, belief.P)
     correction = noise.update(belief.x, belief.P, residual, bank.H, R, tails=bank.tails)
@@ -144,7 +158,7 @@ def weighed(log_predicted: FloatArray, log_likelihood: FloatArray) -> tuple[Floa
 
 def _log_joint(system: StochasticSystem, belief: Belief) -> FloatArray:
     """log Π_ji µ_i, axes (..., to, from)."""
-    return log_probability(system.chain.probability_to_from) + belief.log_mu[..., None, :]
+    return system.log_probability_to_from + belief.log_mu[..., None, :]
 
 
 def _moved(bank: Bank, x: FloatArray, P: FloatArray, log_mu: FloatArray, u: FloatArray | None) -> Belief:

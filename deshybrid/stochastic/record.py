@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import gaussian, multiple, switching
-from deshybrid.stochastic.belief import Belief, Posterior, log_probability, read_only, sealed, squared_residual
+from deshybrid.stochastic.belief import Belief, Posterior, read_only, sealed, squared_residual
 from deshybrid.stochastic.gating import Flags, Gate, Judgement
 from deshybrid.stochastic.lanes import behind, in_front, trials_last
 from deshybrid.stochastic.noise import require_fixed_noise
@@ -147,7 +147,7 @@ def _compiled(
     trials, count = z.shape[:-2], math.prod(z.shape[:-2])
     flat = behind(np.where(seen, z, np.nan), 2).reshape(*z.shape[-2:], count)
     inputs = np.zeros((len(flat), 0, count)) if u is None else behind(u, 2).reshape(*u.shape[-2:], count)
-    log_Pi, prior = log_probability(system.chain.probability_to_from), Belief.prior(system)
+    log_Pi, prior = system.log_probability_to_from, Belief.prior(system)
     found = run(system.comparable_bank, log_Pi, prior, flat, inputs, mixing=mixing)
     if not all(np.isfinite(column).all() for column in found):
         return None

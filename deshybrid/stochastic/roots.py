@@ -18,7 +18,7 @@ import numpy as np
 
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic import gaussian
-from deshybrid.stochastic.belief import Belief, Posterior, log_probability, log_sum
+from deshybrid.stochastic.belief import Belief, Posterior, log_sum
 from deshybrid.stochastic.gating import Gate, Judgement
 from deshybrid.stochastic.lanes import solve_lower, times
 from deshybrid.stochastic.multiple import expected, pushed, weighed
@@ -75,7 +75,7 @@ def predict_roots(system: StochasticSystem, belief: RootBelief, u: FloatArray | 
     [1.1, 10.0]
     """
     bank = system.comparable_bank
-    joint = log_probability(system.chain.probability_to_from) + belief.log_mu[..., None, :]
+    joint = system.log_probability_to_from + belief.log_mu[..., None, :]
     log_mu = log_sum(joint)
     with np.errstate(invalid="ignore"):
         weights = np.exp(joint - log_mu[..., None])

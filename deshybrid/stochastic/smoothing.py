@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray
-from deshybrid.stochastic.belief import Belief, log_probability, log_sum, mixture_covariance, sealed
+from deshybrid.stochastic.belief import Belief, log_sum, mixture_covariance, sealed
 from deshybrid.stochastic.gating import Gate
 from deshybrid.stochastic.lanes import product, symmetric, times
 from deshybrid.stochastic.multiple import predict_imm, pushed, update
@@ -81,7 +81,7 @@ def step_back(system: StochasticSystem, now: Belief, later: Belief, u: FloatArra
     True
     """
     bank = system.comparable_bank
-    joint = log_probability(system.chain.probability_to_from) + now.log_mu[..., None, :]  # (..., j, i)
+    joint = system.log_probability_to_from + now.log_mu[..., None, :]  # (..., j, i)
     predicted = log_sum(joint)
     with np.errstate(invalid="ignore"):
         pair = joint + (later.log_mu - predicted)[..., None]

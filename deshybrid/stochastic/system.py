@@ -177,6 +177,7 @@ class Bank:
     F, Q (M, n, n), H (M, p, n), R (M, p, p), B (M, n, m), D (M, p, m), f (M, n), g (M, p); `measured` (M, p) is true
     where a mode measures an output, and where it does not the rows of H are zero.  Of the noise's form, each None where
     no mode has it: `process_by_state` (M, n, n), `measurement_by_state` (M, p, n), share and factor of `tails` (M, 2).
+    `whole`: whether every mode measures every output.
     """
 
     F: FloatArray
@@ -188,6 +189,7 @@ class Bank:
     f: FloatArray
     g: FloatArray
     measured: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+    whole: bool
     process_by_state: FloatArray | None = None
     measurement_by_state: FloatArray | None = None
     tails: FloatArray | None = None
@@ -233,6 +235,14 @@ class StochasticSystem:
         return self.chain.modes
 
     @cached_property
+    def log_probability_to_from(self) -> FloatArray:
+        """Logarithm of the chain's matrix (M, M), -inf for 0."""
+        with np.errstate(divide="ignore"):
+            logarithm: FloatArray = np.log(self.chain.probability_to_from)
+        logarithm.flags.writeable = False
+        return logarithm
+
+    @cached_property
     def bank(self) -> Bank:
         """The modes as stacked arrays."""
         outputs = 1 + max((place for mode in self.modes for place in mode.output_index), default=-1)
@@ -241,7 +251,7 @@ class StochasticSystem:
         F, Q, B, f = (np.stack([getattr(mode, key) for mode in self.modes]) for key in "FQBf")
         for array in (F, H, Q, R, B, D, f, g, measured):
             array.flags.writeable = False
-        return Bank(F, H, Q, R, B, D, f, g, measured, *_forms(self.modes, outputs))
+        return Bank(F, H, Q, R, B, D, f, g, measured, bool(measured.all()), *_forms(self.modes, outputs))
 
     @cached_property
     def comparable_bank(self) -> Bank:
