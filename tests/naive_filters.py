@@ -224,3 +224,15 @@ def squared_distance(mode: Mode, x, P, z, u):
     """How far z is from what a mode expects, squared, in units of its covariance."""
     residual = z - mode.H @ x - mode.D @ u - mode.g
     return residual @ np.linalg.inv(mode.H @ P @ mode.H.T + mode.R) @ residual
+
+
+def constant_gain_step(own, plant: Mode, states, u, noise=(0.0, 0.0)):
+    """One row of a filter that keeps its filter gain, on a plant of another mode: state, estimate, residual.
+
+    states: of the plant, and the estimate; u: the inputs of the step and of the row; noise: w and v.
+    """
+    mode, (x, estimate), (before, now), (w, v) = own.mode, states, u, noise
+    x = plant.F @ x + plant.B @ before + plant.f + w
+    ahead = mode.F @ estimate + mode.B @ before + mode.f
+    residual = plant.H @ x + plant.D @ now + plant.g + v - mode.H @ ahead - mode.D @ now - mode.g
+    return x, ahead + own.filter_gain @ residual, residual

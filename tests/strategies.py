@@ -411,6 +411,21 @@ def random_stochastic_system(rng: np.random.Generator, *, plain: bool = False) -
     return StochasticSystem(modes, chain, x=prior["x"], P=prior["P"], mu=prior["mu"])
 
 
+def drawn_record(
+    rng: np.random.Generator,
+    system: StochasticSystem,
+    trials: tuple[int, ...] = (),
+    *,
+    rows: int = 12,
+    missing: float = 0.2,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Measurements with holes, and inputs."""
+    p, m = system.bank.H.shape[1], system.bank.B.shape[2]
+    z = 3.0 * rng.standard_normal((*trials, rows, p))
+    z[rng.random(z.shape) < missing] = np.nan
+    return z, rng.standard_normal((*trials, rows, m))
+
+
 @st.composite
 def pairs_of_dynamics(draw: st.DrawFn) -> tuple[LinearDynamics, LinearDynamics]:
     """Two locations with the same channels: one to three states each, up to one input, one or two outputs, offsets."""

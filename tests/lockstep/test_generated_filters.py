@@ -21,7 +21,7 @@ from deshybrid.filter_bundle import files
 from deshybrid.stochastic import stepwise, stepwise_numbers, stepwise_values
 from deshybrid.stochastic.record import estimate, estimate_known
 from deshybrid.stochastic.system import Mode, StochasticSystem
-from tests.strategies import random_stochastic_system
+from tests.strategies import drawn_record, random_stochastic_system
 
 ROOT = Path(__file__).parents[2]
 ORIGIN = Provenance("small", "models/small.yaml", "3f9c" * 16, "0.1.0")
@@ -159,11 +159,9 @@ def test_reference_step_of_unknown_modes_is_the_filter_of_numpy(seed, kind, gate
     rng = np.random.default_rng(seed)
     model = FilterModel(random_stochastic_system(rng), kind, (), (), (), gate)
     system = model.system
-    z = 3.0 * rng.standard_normal((40, system.bank.H.shape[1]))
-    z[rng.random(z.shape) < 0.2] = np.nan
+    z, u = drawn_record(rng, system, rows=40)
     z[10:12] = np.nan
     z[20:30] += 50.0
-    u = rng.standard_normal((40, system.bank.B.shape[2]))
     assert_same(model, z, u, estimate(system, z, u, method=kind, gate=gate))
 
 

@@ -7,7 +7,7 @@ from deshybrid.diagnostics import UsageError
 from deshybrid.stochastic.examples import calm_and_wild
 from deshybrid.stochastic.record import estimate
 from deshybrid.stochastic.system import Mode, ModeTransition, StochasticSystem
-from tests.strategies import random_stochastic_system
+from tests.strategies import drawn_record, random_stochastic_system
 
 pytest.importorskip("numba", reason="numba is not installed")
 COLUMNS = ("x", "P", "mu", "log_likelihood", "nis", "channels")
@@ -19,9 +19,7 @@ def test_numba_agrees_with_numpy_to_nine_digits_on_40_random_systems(method):
         rng = np.random.default_rng(seed)
         system = random_stochastic_system(rng)
         trials = [(), (5,), (2, 9), (0,)][seed % 4]
-        z = 3.0 * rng.standard_normal((*trials, 12, system.bank.H.shape[1]))
-        z[rng.random(z.shape) < 0.2] = np.nan
-        u = rng.standard_normal((*trials, 12, system.bank.B.shape[2]))
+        z, u = drawn_record(rng, system, trials)
         ours, theirs = (estimate(system, z, u, method=method, engine=engine) for engine in ("numba", "numpy"))
         for name in COLUMNS:
             expected = getattr(theirs, name)

@@ -12,6 +12,7 @@ from deshybrid.stochastic.record import estimate_known
 from deshybrid.stochastic.sojourn import Demand, sojourn_bound
 from deshybrid.stochastic.steady_state import steady_state
 from deshybrid.stochastic.system import Mode, ModeTransition, StochasticSystem
+from tests.naive_filters import constant_gain_step
 from tests.strategies import random_stochastic_system
 
 seeds = st.integers(0, 2**32 - 1)
@@ -83,14 +84,12 @@ def test_the_solution_need_not_be_positive_definite_as_the_paper_says_it_is():
 
 def one_step(own, plant, gain, states, u):
     """The next mean state and estimate; states: those of now; u: the inputs of this row and of the next."""
-    mode, (x, estimate), (now, later) = own.mode, states, u
-    after = plant.F @ x + plant.B @ now + plant.f
+    if gain == "filter":
+        return constant_gain_step(own, plant, states, u)[:2]
+    mode, (x, estimate), (now, _) = own.mode, states, u
+    residual = plant.H @ x + plant.D @ now + plant.g - mode.H @ estimate - mode.D @ now - mode.g
     ahead = mode.F @ estimate + mode.B @ now + mode.f
-    if gain == "predictor":
-        residual = plant.H @ x + plant.D @ now + plant.g - mode.H @ estimate - mode.D @ now - mode.g
-        return after, ahead + own.predictor_gain @ residual
-    residual = plant.H @ after + plant.D @ later + plant.g - mode.H @ ahead - mode.D @ later - mode.g
-    return after, ahead + own.filter_gain @ residual
+    return plant.F @ x + plant.B @ now + plant.f, ahead + own.predictor_gain @ residual
 
 
 @pytest.mark.parametrize("gain", ["predictor", "filter"])

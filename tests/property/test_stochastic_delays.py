@@ -18,6 +18,7 @@ from deshybrid.stochastic.printed_delays import printed_delays
 from deshybrid.stochastic.record import estimate
 from deshybrid.stochastic.steady_state import steady_state
 from deshybrid.stochastic.system import Mode, ModeTransition, StochasticSystem
+from tests.naive_filters import constant_gain_step
 from tests.strategies import random_stochastic_system
 
 seeds = st.integers(0, 2**32 - 1)
@@ -33,15 +34,10 @@ def tracked(own, true, start, rows, u, *, noise=None):
     start: the plant's state and the estimate; noise: pairs (w, v) for each row; without it the mean run.
     """
     x, estimates = start
-    mode, K = own.mode, own.filter_gain
     residuals, errors = [], []
     for k in range(rows):
-        w, v = noise[k] if noise else (np.zeros(len(x)), np.zeros(len(true.g)))
-        x = true.F @ x + true.B @ u[k] + true.f + w
-        z = true.H @ x + true.D @ u[k + 1] + true.g + v
-        ahead = mode.F @ estimates + mode.B @ u[k] + mode.f
-        residual = z - mode.H @ ahead - mode.D @ u[k + 1] - mode.g
-        estimates = ahead + K @ residual
+        row = (u[k], u[k + 1])
+        x, estimates, residual = constant_gain_step(own, true, (x, estimates), row, noise[k] if noise else (0.0, 0.0))
         residuals.append(residual)
         errors.append(x - estimates)
     return np.array(residuals), np.array(errors)

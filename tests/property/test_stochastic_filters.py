@@ -13,17 +13,9 @@ from deshybrid.stochastic.sample import sample
 from deshybrid.stochastic.score import Consistency, nees
 from deshybrid.stochastic.system import Mode, ModeTransition, StochasticSystem
 from tests.naive_filters import batch_least_squares, multiple_models
-from tests.strategies import random_stochastic_system
+from tests.strategies import drawn_record, random_stochastic_system
 
 seeds = st.integers(0, 2**32 - 1)
-
-
-def drawn_record(rng, system, trials=(), *, rows=12, missing=0.2):
-    """Measurements with holes, and inputs."""
-    p, m = system.bank.H.shape[1], system.bank.B.shape[2]
-    z = 3.0 * rng.standard_normal((*trials, rows, p))
-    z[rng.random(z.shape) < missing] = np.nan
-    return z, rng.standard_normal((*trials, rows, m))
 
 
 @pytest.mark.parametrize("method", ["imm", "mmae", "rmimm"])

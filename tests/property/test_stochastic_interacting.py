@@ -14,7 +14,7 @@ from deshybrid.stochastic.lanes import times
 from deshybrid.stochastic.record import estimate, rows_of
 from deshybrid.stochastic.sample import sample
 from deshybrid.stochastic.system import Mode, ModeTransition, StochasticSystem
-from tests.strategies import random_stochastic_system
+from tests.strategies import drawn_record, random_stochastic_system
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -50,9 +50,7 @@ def run(imm, prior, rows):
 def test_over_linear_modes_every_kind_of_filter_gives_the_linear_imm(kind, seed):
     rng = np.random.default_rng(seed)
     system = random_stochastic_system(rng)
-    z = 3.0 * rng.standard_normal((2, 8, system.bank.H.shape[1]))
-    z[rng.random(z.shape) < 0.2] = np.nan
-    u = rng.standard_normal((2, 8, system.bank.B.shape[2]))
+    z, u = drawn_record(rng, system, (2,), rows=8)
     imm = Interacting([kind(mode) for mode in system.modes], system.chain)
     count = len(system.modes)
     prior = imm.prior([system.x] * count, [system.P] * count, system.mu, (2,))

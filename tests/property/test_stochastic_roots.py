@@ -11,7 +11,7 @@ from deshybrid.diagnostics import UsageError
 from deshybrid.stochastic.examples import calm_and_wild
 from deshybrid.stochastic.record import estimate
 from deshybrid.stochastic.system import Mode, ModeTransition, StochasticSystem
-from tests.strategies import random_stochastic_system
+from tests.strategies import drawn_record, random_stochastic_system
 
 
 @given(seed=st.integers(0, 2**32 - 1), gate=st.sampled_from([None, 0.9]))
@@ -19,9 +19,7 @@ from tests.strategies import random_stochastic_system
 def test_roots_give_the_estimates_of_covariances(seed, gate):
     rng = np.random.default_rng(seed)
     system = random_stochastic_system(rng)
-    z = 3.0 * rng.standard_normal((2, 10, system.bank.H.shape[1]))
-    z[rng.random(z.shape) < 0.2] = np.nan
-    u = rng.standard_normal((2, 10, system.bank.B.shape[2]))
+    z, u = drawn_record(rng, system, (2,), rows=10)
     ours, theirs = (estimate(system, z, u, gate=gate, engine=engine) for engine in ("roots", "numpy"))
     np.testing.assert_array_equal(ours.gated, theirs.gated)
     for name in ("x", "P", "mu", "log_likelihood", "nis"):
