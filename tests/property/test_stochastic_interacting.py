@@ -61,6 +61,47 @@ def test_over_linear_modes_every_kind_of_filter_gives_the_linear_imm(kind, seed)
         np.testing.assert_allclose(column, wanted, rtol=1e-7, atol=1e-8 * max(1.0, np.abs(wanted).max()), err_msg=name)
 
 
+@given(seed=seeds)
+@settings(max_examples=12, deadline=None)
+def test_a_mode_with_fewer_states_is_one_that_forgets_the_others_with_every_step(seed):
+    """Its estimate of them is f with the variance in Q, which is what the conversion gives the other mode."""
+    rng = np.random.default_rng(seed)
+    n, p, small = 3, 2, int(rng.integers(1, 3))
+    full = random_mode(rng, "full", n, p)
+    few = random_mode(rng, "few", small, p)
+    mean, variance = rng.standard_normal(n - small), np.diag(rng.uniform(0.1, 2.0, n - small))
+    F, H, Q, f = np.zeros((n, n)), np.zeros((p, n)), np.zeros((n, n)), np.zeros(n)
+    F[:small, :small], H[:, :small], f[:small], f[small:] = few.F, few.H, few.f, mean
+    Q[:small, :small], Q[small:, small:] = few.Q, variance
+    padded = Mode("few", F=F, H=H, Q=Q, R=few.R, f=f)
+    chain = ModeTransition.from_rows(("few", "full"), rng.dirichlet(np.ones(2), size=2))
+    x, P = np.concatenate([rng.standard_normal(small), mean]), np.eye(n)
+    P[small:, small:] = variance
+    system = StochasticSystem([padded, full], chain, x=x, P=P, mu=[0.4, 0.6])
+    z = drawn_record(rng, system)[0]
+    keep, zeros = np.eye(n)[:small], np.zeros((small, small))
+    unknown = np.block([[zeros, np.zeros((small, n - small))], [np.zeros((n - small, small)), variance]])
+    maps = {
+        ("few", "full"): conversion(keep),
+        ("full", "few"): conversion(keep.T, offset=np.concatenate([np.zeros(small), mean]), covariance=unknown),
+    }
+    imm = Interacting([LinearFilter(few), LinearFilter(full)], chain, maps)
+    belief, made = imm.prior([x[:small], x], [P[:small, :small], P], [0.4, 0.6]), estimate(system, z)
+    for k, row in enumerate(z):
+        posterior = imm.update(imm.predict(belief), row)
+        belief = posterior.belief
+        mixed = imm.mixture(belief, to=1)
+        for ours, wanted in (*zip(mixed, (made.x[k], made.P[k]), strict=True), (belief.mu, made.mu[k])):
+            np.testing.assert_allclose(ours, wanted, rtol=0, atol=1e-8 * max(1.0, np.abs(wanted).max()))
+        assert posterior.log_likelihood == pytest.approx(made.log_likelihood[k], abs=1e-8)
+
+
+def random_mode(rng, name, n, p):
+    F, H, root = rng.standard_normal((n, n)), rng.standard_normal((p, n)), rng.standard_normal((n, n))
+    F /= max(1.0, np.abs(np.linalg.eigvals(F)).max())
+    return Mode(name, F=F, H=H, Q=root @ root.T + 0.01 * np.eye(n), R=np.eye(p), f=rng.standard_normal(n))
+
+
 def test_a_mode_without_accelerations_interacts_with_one_that_has_them_as_in_the_padded_model():
     """Section 5 of the paper gives the straight mode two accelerations that are always zero; here it has none."""
     model = stochastic_system(load("models/hwang2006/maneuver.yaml"))
