@@ -45,8 +45,9 @@ pins: $(READY)  ## write requirements.txt anew from a fresh environment
 golden: $(READY)  ## rewrite the golden files; read the difference before you commit it
 	$(BIN)/python -m pytest -q tests/golden --rewrite-golden
 
-picture: $(READY)  ## draw the README's picture anew
+picture: $(READY)  ## draw the pictures of README and documentation anew
 	$(BIN)/deshybrid draw models/balluchi2012/driveline.yaml --what complementary-observer -o docs/driveline-observer.svg
+	$(BIN)/python docs/detections.py
 
 clean:  ## remove the environment and everything that was built
 	rm -rf $(VENV) docs/_build build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -257,6 +257,18 @@ def test_the_picture_of_the_readme_is_what_make_picture_draws() -> None:
     assert sorted(re.findall(r">([^<\n]+)</", kept)) == sorted(re.findall(r">([^<\n]+)</", drawn))
 
 
+def test_the_pictures_of_detections_are_what_the_commands_of_their_page_draw(checkout: Path) -> None:
+    """Fonts differ in widths: what is compared is what can be read in the pictures."""
+    shown = re.findall(r"\((detection-(\w+)\.svg)\)", (ROOT / "docs/detection.md").read_text(encoding="utf-8"))
+    assert len(shown) == 4
+    for command in commands("docs/detection.md"):
+        run(command.line)
+    for picture, folder in shown:
+        drawn, kept = checkout / folder / "timeline.svg", ROOT / "docs" / picture
+        words = [re.findall(r">([^<\n]+)</text>", path.read_text(encoding="utf-8")) for path in (drawn, kept)]
+        assert words[0] == words[1] != []
+
+
 def test_every_explanation_of_a_message_is_on_the_page_of_messages() -> None:
     folder = "../deshybrid/diagnostics/explanations/"
     included = re.findall(rf"{{include}} {re.escape(folder)}(\S+)", (ROOT / "docs/messages.md").read_text())
