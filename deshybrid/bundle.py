@@ -225,12 +225,17 @@ def _content(
         real=wishes.real,
         files=names,
         prefix=prefix,
-        options=tuple((key, _shown(value)) for key, value in _options(made, wishes).items()),
+        options=tuple((key, shown(value)) for key, value in _options(made, wishes).items()),
         warnings=made.diagnostics,
     )
 
 
-def _shown(option: object) -> str:
+def shown(option: object) -> str:
+    """Return an option as the report names it.
+
+    >>> shown(["c", "python"]), shown(None)
+    ('c, python', 'default')
+    """
     if isinstance(option, list):
         return ", ".join(map(str, option))
     return "default" if option is None else str(option)

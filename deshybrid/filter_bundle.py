@@ -1,4 +1,4 @@
-"""A generated filter as files: C, Python, and the manifest that says what they were made from.
+"""A generated filter as files: report, C, Python, and the manifest that says what they were made from.
 
 In: a stochastic model and the user's wishes.  Out: the bytes of every file by its name; nothing is written here.
 """
@@ -8,7 +8,8 @@ from typing import Literal
 from deshybrid import bundle
 from deshybrid.compiler import Source, to_hybrid
 from deshybrid.diagnostics import UsageError, diagnostic
-from deshybrid.emit.filters import FilterModel, emit_filter_c, emit_filter_python
+from deshybrid.emit.filter_report import FilterReport, emit_filter_report
+from deshybrid.emit.filters import FilterModel, emit_filter_c, emit_filter_python, filter_facts
 from deshybrid.emit.identifiers import check_prefix, identifier
 from deshybrid.stochastic.from_model import stochastic_system
 
@@ -38,8 +39,8 @@ def files(
         helps = ("generate `imm`: in no comparison here did `rmimm` make fewer errors",)
         raise UsageError(diagnostic("DH1113", "`rmimm` is for comparison with the paper; no code is made", helps=helps))
     system = to_hybrid(source)
-    names = (system.state_names, system.input_names, system.output_names)
-    model = FilterModel(stochastic_system(system, step=step), kind, *names, gate)
+    channels = (system.state_names, system.input_names, system.output_names)
+    model = FilterModel(stochastic_system(system, step=step), kind, *channels, gate)
     prefix = identifier(system.name) if wishes.prefix is None else wishes.prefix
     check_prefix(prefix)
     origin = bundle.origin_of(system)
@@ -48,7 +49,7 @@ def files(
         c=lambda: emit_filter_c(model, prefix=prefix, real=wishes.real, provenance=origin),
         python=lambda: emit_filter_python(model, prefix=prefix, provenance=origin),
     )
-    options = {
+    options: dict[str, object] = {
         "filter": kind,
         "targets": list(wishes.targets),
         "real": wishes.real,
@@ -56,5 +57,19 @@ def files(
         "step": step,
         "gate": gate,
     }
-    texts["MANIFEST.json"] = bundle.manifest(origin, options, (*texts, "MANIFEST.json"))
+    names = (*texts, "report.html", "MANIFEST.json")
+    texts["report.html"] = emit_filter_report(
+        FilterReport(
+            model,
+            origin,
+            tuple(filter_facts(model, wishes.real, origin)),
+            system.summary or "",
+            system.units,
+            system.time_step or step,
+            names,
+            prefix,
+            tuple((key, bundle.shown(value)) for key, value in options.items()),
+        )
+    )
+    texts["MANIFEST.json"] = bundle.manifest(origin, options, names)
     return {name: text.encode() for name, text in texts.items()}

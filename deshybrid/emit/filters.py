@@ -100,7 +100,7 @@ def emit_filter_python(model: FilterModel, *, prefix: str, provenance: Provenanc
         "p": prefix,
         "known": model.kind == "skf",
         "kind": model.kind,
-        "banner": banner(provenance, _facts(model, c, "double", provenance)),
+        "banner": banner(provenance, filter_facts(model, "double", provenance)),
         "source": "\n\n\n".join(_reference(name) for name in _REFERENCE),
         "constants": [f"{name}={_wrapped(value)}" for name, value in c._asdict().items()],
         "sizes": {made.__name__: list(entries.values()) for made, entries in sizes.items()},
@@ -124,7 +124,7 @@ def _c_context(model: FilterModel, prefix: str, real: Real, origin: Provenance) 
     rows = record_rows(
         model.system, model.kind, seed=_SEED, count=_ROWS, real=real, reset_every=_ROWS // 2, gate=model.gate
     )
-    facts = _facts(model, c, real, origin)
+    facts = filter_facts(model, real, origin)
     names = model.system.names
     known = model.kind == "skf"
     return {
@@ -200,8 +200,15 @@ def _members(c: Constants, kind: FilterKind, real: Real) -> list[tuple[str, str,
     ]
 
 
-def _facts(model: FilterModel, c: Constants, real: Real, origin: Provenance) -> list[str]:
-    """The lines of the header comment after the origin."""
+def filter_facts(model: FilterModel, real: Real, origin: Provenance) -> list[str]:
+    """Return what header, README and report say of a filter: its size, its cost, its gate, and what holds.
+
+    >>> from deshybrid.stochastic.examples import calm_and_wild
+    >>> walk = FilterModel(calm_and_wild(), "imm", ("x",), (), ("y",))
+    >>> filter_facts(walk, "double", Provenance("walk", "walk.yaml", "3f9c", "0"))[0]
+    'IMM filter, location unknown: 2 locations, n = 1, m = 0, p = 1, double.  No heap.'
+    """
+    c = flat_constants(model.system, model.kind, real, gate=model.gate)
     n, m, p = c.n, c.m, c.p
     each = n * (n + m) + n**3 + n * n * (n + 1) // 2 + p * (m + n + n * n) + p * (p + 1) // 2 * n
     each += p * (p - 1) // 2 * (n + 2 * p + 1) + p * (n + n * (n + 1) // 2)
@@ -241,4 +248,4 @@ def _wrapped(value: Any) -> str:
     return "(" + "\n        ".join(textwrap.wrap(", ".join(map(repr, value)) + ",", _WIDTH)) + ")" if value else "()"
 
 
-__all__ = ["FilterModel", "emit_filter_c", "emit_filter_python"]
+__all__ = ["FilterModel", "emit_filter_c", "emit_filter_python", "filter_facts"]

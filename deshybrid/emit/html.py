@@ -86,10 +86,15 @@ def emit_report(content: ReportContent) -> str:
     >>> page.startswith("<!DOCTYPE html>"), "<script" in page
     (True, False)
     """
-    return _environment().get_template("report.html.j2").render(_context(content))
+    return page_environment().get_template("report.html.j2").render(_context(content))
 
 
-def _environment() -> "Environment":
+def page_environment() -> "Environment":
+    """Return the templates of all reports, with the filters that their texts and numbers pass.
+
+    >>> page_environment().get_template("report.html.j2").name
+    'report.html.j2'
+    """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
