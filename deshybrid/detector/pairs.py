@@ -42,6 +42,8 @@ class PairSeparation:
     `worst` and `typical`: the root mean square of the difference that is left, in units of the noise (`noise` true) or
     of the outputs, over states of full scale; `seconds`: how soon a typical one exceeds 1, None where it does not
     within `window` seconds; `absorbed_by`: the state of the rival that takes up most where the difference is smallest.
+    `nu_gap`: how far apart feedback would find the two, from 0 to 1, inputs and outputs in shares of full scale; None
+    where they do not have the same inputs and outputs, or none.
     """
 
     first: str
@@ -55,6 +57,7 @@ class PairSeparation:
     window: float
     noise: bool
     absorbed_by: str | None
+    nu_gap: float | None = None
 
     @property
     def verdict(self) -> Feasibility:
@@ -77,6 +80,7 @@ class PairSeparation:
             "seconds": self.seconds,
             "window": self.window,
             "absorbed_by": self.absorbed_by,
+            "nu_gap": self.nu_gap,
         }
 
 
@@ -150,6 +154,7 @@ def separate(system: HybridSystem, first: str, second: str) -> PairSeparation:
         window=window,
         noise=system.bounds.measurement is not None and bool(system.bounds.measurement.all()),
         absorbed_by=_absorbed(system, near),
+        nu_gap=_gap(system, one, other),
     )
 
 
@@ -193,6 +198,26 @@ def _distance(system: HybridSystem, plant: Location, rival: Location, samples: i
         inputs=(plant.input_index, rival.input_index),
         outputs=(plant.output_index, rival.output_index),
     )
+
+
+def _gap(system: HybridSystem, one: Location, other: Location) -> float | None:
+    """The ν-gap of what the inputs do to the outputs, each in shares of the largest that the bounds allow."""
+    from deshybrid.linear.gap import Realisation, bilinear, nu_gap
+
+    same = one.input_index == other.input_index and one.output_index == other.output_index
+    if one.dynamics is None or other.dynamics is None or not same or 0 in one.dynamics.D.shape:
+        return None
+    u = _positive(system.bounds.input, len(system.input_names))[list(one.input_index)]
+    x = _positive(system.bounds.state, len(system.state_names))
+    y = np.maximum(*(np.abs(location.C) @ x for location in (one.dynamics, other.dynamics)))
+    y = np.where(y > 0.0, y, 1.0)
+    plants = [Realisation(d.A, d.B * u, d.C / y[:, None], d.D * u / y[:, None]) for d in (one.dynamics, other.dynamics)]
+    if system.time_step is not None:
+        plants = [moved for moved in map(bilinear, plants) if moved is not None]
+    try:
+        return nu_gap(*plants) if len(plants) == 2 else None
+    except np.linalg.LinAlgError:  # no factorisation in floating point
+        return None
 
 
 def _units(system: HybridSystem) -> Units:

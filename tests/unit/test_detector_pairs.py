@@ -165,3 +165,40 @@ def test_pairs_are_confused_where_the_noise_hides_them_and_told_by_their_typical
     assert pair.may_be_confused  # x = 0 in one of the two states shows nothing
     assert np.isfinite(pair.typical)
     assert confusion_warnings(()) == ()
+
+
+LAGS = """\
+format: deshybrid/1
+name: lags
+state: [x]
+input: [u]
+output: [y]
+bounds: {state: 10, input: 2, measurement: 0.1}
+defaults: {B: [[1]], C: [[5]]}
+locations: {slow: {A: [[-0.5]]}, fast: {A: [[-2]]}}
+transitions: [{from: slow, to: fast, event: a, emits: null}, {from: fast, to: slow, event: b, emits: null}]
+"""
+
+
+def test_the_gap_of_two_lags_is_that_of_their_shares_of_full_scale() -> None:
+    """2 * 5/50 / (s + a): the chordal distance at ω = 0 of the gains 0.4 and 0.1, the largest."""
+    (pair,) = pairs_of(LAGS).values()
+    chordal = 0.3 / np.sqrt(1 + 0.4**2) / np.sqrt(1 + 0.1**2)
+    assert pair.nu_gap == pytest.approx(chordal, rel=1e-5)
+    assert pair.record()["nu_gap"] == pair.nu_gap
+    millimetres = LAGS.replace("C: [[5]]", "C: [[5000]]").replace("measurement: 0.1", "measurement: 100")
+    (again,) = pairs_of(millimetres).values()
+    assert again.nu_gap == pytest.approx(pair.nu_gap, rel=1e-6)
+
+
+def test_locations_that_differ_in_constants_only_have_no_gap_and_without_inputs_there_is_none_to_speak_of() -> None:
+    assert all(pair.nu_gap == 0.0 for pair in pairs_of(BOILER).values())
+    (silent,) = pairs_of(LAGS.replace("input: [u]\n", "").replace(", input: 2", "").replace("B: [[1]], ", "")).values()
+    assert silent.nu_gap is None
+
+
+def test_the_gap_of_sampled_locations_is_taken_on_the_unit_circle() -> None:
+    """1/(z - a): the largest chordal distance at z = 1, where the gains are 2 * 5/50/(1 - a)."""
+    text = LAGS.replace("state: [x]", "time: {step: 0.1}\nstate: [x]").replace("-0.5", "0.5").replace("-2", "0")
+    (pair,) = pairs_of(text).values()
+    assert pair.nu_gap == pytest.approx(0.2 / np.sqrt(1 + 0.4**2) / np.sqrt(1 + 0.2**2), rel=1e-5)
