@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from deshybrid.analysis_command import analyse
+from deshybrid.bundle import Wishes
 from deshybrid.diagnostics import DeshybridError, ModelError, UsageError
 from deshybrid.estimation import estimate_trace
-from deshybrid.filter_bundle import Wishes, files
+from deshybrid.filter_bundle import files
 from deshybrid.model.load import loads
 from deshybrid.simulate.chance import Chance
 from deshybrid.stochastic.from_model import stochastic_system
