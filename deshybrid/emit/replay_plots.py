@@ -101,7 +101,8 @@ def courses_plot(title: str, time: FloatArray, courses: Sequence[Course]) -> byt
         figure = new_figure(_WIDTH, 0.8 + 1.5 * len(shown))
         grid = figure.subplots(len(shown), 1, sharex=True, squeeze=False)
         for axes, course, above in zip(grid[:, 0], shown, [None, *shown], strict=False):
-            axes.plot(time, course.given, color="tab:grey", linewidth=2.0, label=course.kind)
+            if not np.isnan(course.given).all():
+                axes.plot(time, course.given, color="tab:grey", linewidth=2.0, label=course.kind)
             axes.plot(time, course.estimated, color="tab:blue", linewidth=1.0, label="observer")
             axes.set(ylabel=printable(course.label))
             axes.margins(x=0.0)

@@ -192,6 +192,14 @@ def test_of_a_purely_discrete_model_there_is_the_timeline_only() -> None:
     assert list(replays.plots(replays.replayed(made, trace))) == ["timeline.svg"]
 
 
+def test_without_truth_nothing_is_called_true_or_wrong() -> None:
+    made, trace = observer("relay"), drive("relay")
+    pictures = replays.plots(replays.replayed(made, replace(trace, true_location=None, true_state=None)))
+    assert list(pictures) == ["timeline.svg", "states.svg"]
+    assert not any(word in picture for word in (b">true<", b">wrong name<") for picture in pictures.values())
+    assert all(word in pictures["states.svg"] for word in (b">alpha (rad)<", b">measured<", b">observer<"))
+
+
 def test_late_engagements_get_a_close_up_each_and_only_within_the_times_asked_for() -> None:
     made = observer("relay")
     replay = replays.replayed(made, simulate(made.system, duration=26.0, step=made.step_seconds).trace)
