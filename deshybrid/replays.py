@@ -15,7 +15,6 @@ from deshybrid.emit.replay_plots import Course, Panel, Timeline, courses_plot, t
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.system import HybridSystem
 from deshybrid.observer.hybrid import HybridObserver
-from deshybrid.observer.judgement import LIKELIHOOD
 from deshybrid.simulate.judged import Judged, replay_judged
 from deshybrid.simulate.replay import EstimateTrace
 from deshybrid.simulate.score import Engagement, is_late, score_locations
@@ -123,7 +122,7 @@ def _panels(made: Replay, rows: slice) -> list[Panel]:
         Panel(
             location=entry.location,
             title=entry.signature or entry.location,
-            curves=[name if name == LIKELIHOOD else f"|{name}| / threshold" for name in entry.scale.curves],
+            curves=entry.scale.curves,
             levels=entry.scale.levels,
             values=entry.values[rows],
             active=entry.active[rows],

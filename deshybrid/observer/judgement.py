@@ -36,7 +36,7 @@ def scales(tables: Tables, outputs: tuple[str, ...]) -> tuple[Scale, ...]:
         elif tables["decision"] == "sprt":
             found.append(Scale((LIKELIHOOD,), tuple(generator["test"][2:])))
         else:
-            names = tuple(outputs[channel] for channel in _weighed(generator))
+            names = tuple(f"|{outputs[channel]}| / threshold" for channel in _weighed(generator))
             found.append(Scale(names, (1.0, generator["release"])))
     return tuple(found)
 
