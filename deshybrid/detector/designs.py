@@ -10,6 +10,9 @@ In: a system, a location, rate, dwell time and step.  Out: a `ResidualGenerator`
   this order where nothing is gained.
 The speed is that of the stated poles (the slowest), else of the default ones.
 
+Tests (`sprt`, `glr`) need white residuals (`innovation`), with nothing decoupled, or as `unknown_input` says; other
+designs are refused.
+
 Outputs that are measured late are taken together as of one time (`held_back`).
 
 Cost: that of one design and its contrast for every disturbance that can be decoupled, twice for `auto`.
@@ -22,9 +25,12 @@ from typing import TypeAlias
 
 from deshybrid.detector.contrast import contrast
 from deshybrid.detector.held_back import held_back
+from deshybrid.detector.innovation import white_generator
 from deshybrid.detector.residual import Followed, ResidualGenerator, default_poles, follow, placed_generator
 from deshybrid.detector.trade_off import filtering_generator
 from deshybrid.detector.unknown_input import decouplable, decoupled
+from deshybrid.diagnostics import UsageError, diagnostic
+from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.system import HybridSystem, Location
 
 Maker: TypeAlias = Callable[[Followed], ResidualGenerator]
@@ -63,21 +69,60 @@ def design_generator(
         stated = system.observer.detector.poles.get(location.name) or slowest
         return filtering_generator(system, part, -max(pole.real for pole in stated))
 
-    if wanted == "luenberger":
+    if wanted in {None, "luenberger"}:
+        _require_no_decoupling(system)
         return held_back(system, placed(followed))
-    possible = system.observer.detector.decouple is not None or bool(decouplable(followed.dynamics))
+    if wanted == "h2":
+        _require_no_decoupling(system)
+    possible = _may_decouple(system, followed)
     if wanted == "h2" or (wanted == "unknown_input" and not possible):
         return held_back(system, filtering(followed))
     if wanted == "unknown_input":
-        return held_back(system, _decoupling(system, followed, placed))
+        return held_back(system, _decoupling(system, followed, placed)[1])
     choices = [placed(followed), filtering(followed)]
     if possible:
-        choices += [_decoupling(system, followed, placed), _decoupling(system, followed, filtering)]
+        choices += [_decoupling(system, followed, made)[1] for made in (placed, filtering)]
     return held_back(system, _best(system, choices))
 
 
-def _decoupling(system: HybridSystem, followed: Followed, made: Maker) -> ResidualGenerator:
-    """The generator without the disturbances that the model names, or without those that buy contrast; one at least."""
+def white_design(system: HybridSystem, location: Location, step: float) -> tuple[ResidualGenerator, FloatArray]:
+    """Return a generator whose residual is white, by the design that the model asks for, and its covariance (q, q).
+
+    Raises `UsageError` (DH0614) for a design whose residual is not white, or without noise; (DH0612) where nothing can
+    be decoupled, `GainError` (DH0603) where the location measures nothing.
+    """
+    options, followed = system.observer.detector, follow(system, location, step)
+    if options.design not in {None, "unknown_input"}:
+        text = f"the detector cannot test residuals of the design `{options.design}`, which are not white"
+        helps = (
+            "leave `design` out for Kalman predictors, of least variance for the noise of the model, or write "
+            "`design: unknown_input` for those that disturbances do not move",
+        )
+        raise UsageError(diagnostic("DH0614", text, helps=helps))
+    if options.design is None:
+        _require_no_decoupling(system)
+    if options.design is None or not _may_decouple(system, followed):
+        made, covariance = white_generator(system, followed)
+        return held_back(system, made), covariance
+    columns, made = _decoupling(system, followed, lambda part: white_generator(system, part)[0])
+    _, covariance = white_generator(system, decoupled(system, followed, columns))
+    return held_back(system, made), covariance
+
+
+def _may_decouple(system: HybridSystem, followed: Followed) -> bool:
+    return system.observer.detector.decouple is not None or bool(decouplable(followed.dynamics))
+
+
+def _require_no_decoupling(system: HybridSystem) -> None:
+    options = system.observer.detector
+    if options.decouple is not None:
+        text = f"`decouple` is stated, but the design is `{options.design or 'luenberger'}`, which decouples nothing"
+        helps = ("write `design: unknown_input`, or leave `decouple` out",)
+        raise UsageError(diagnostic("DH0612", text, helps=helps))
+
+
+def _decoupling(system: HybridSystem, followed: Followed, made: Maker) -> tuple[tuple[int, ...], ResidualGenerator]:
+    """What is decoupled: what the model names, or what buys contrast, one disturbance at least; and the generator."""
 
     def without(columns: tuple[int, ...]) -> ResidualGenerator:
         found = made(decoupled(system, followed, columns))
@@ -86,7 +131,8 @@ def _decoupling(system: HybridSystem, followed: Followed, made: Maker) -> Residu
 
     names = system.observer.detector.decouple
     if names is not None:
-        return without(tuple(system.disturbance_names.index(name) for name in names))
+        columns = tuple(system.disturbance_names.index(name) for name in names)
+        return columns, without(columns)
     best: tuple[tuple[int, ...], ResidualGenerator] | None = None
     while True:
         kept = () if best is None else best[0]
@@ -94,7 +140,7 @@ def _decoupling(system: HybridSystem, followed: Followed, made: Maker) -> Residu
         found = {columns: without(columns) for columns in sets}
         choice = _best(system, ([best[1]] if best else []) + list(found.values()))
         if best is not None and choice is best[1]:
-            return choice
+            return best
         best = next((columns, generator) for columns, generator in found.items() if generator is choice)
 
 
@@ -109,4 +155,4 @@ def _best(system: HybridSystem, choices: Iterable[ResidualGenerator]) -> Residua
     return best
 
 
-__all__ = ["design_generator"]
+__all__ = ["design_generator", "white_design"]

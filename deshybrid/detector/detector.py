@@ -20,10 +20,9 @@ from types import MappingProxyType
 from deshybrid.des.signatures import SignaturePlan
 from deshybrid.detector.decision import TESTS, DecisionDesign, design_decision, judged_locations, wanted_decision
 from deshybrid.detector.delays import DetectionDelay, delay_warnings, detection_delays, waiting_window
-from deshybrid.detector.designs import design_generator
-from deshybrid.detector.held_back import held_back
+from deshybrid.detector.designs import design_generator, white_design
 from deshybrid.detector.levels import DetectionThreshold, Part, build_part, settling, white_part
-from deshybrid.detector.residual import ResidualGenerator, build_generator
+from deshybrid.detector.residual import ResidualGenerator
 from deshybrid.diagnostics import Diagnostic, GainError, UsageError, diagnostic, raise_all
 from deshybrid.model.system import Decision, HybridSystem, Location
 
@@ -130,8 +129,7 @@ def _parts(
         try:
             location = system.location(name)
             if kind in TESTS:
-                first = build_generator(system, location, rate=rate, dwell=dwell, step=step)
-                parts.append(white_part(system, held_back(system, first)))
+                parts.append(white_part(system, *white_design(system, location, step)))
             else:
                 parts.append(_fast_enough(system, location, rate=rate, dwell=dwell, step=step))
         except (UsageError, GainError) as error:

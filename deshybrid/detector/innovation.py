@@ -6,18 +6,17 @@ Disturbances are white too: `noise: process`, else held over each step and unifo
 keeps its sign is not white; its share of the residual is a shift of the mean, which a test takes for a change of
 location if it is large.
 
-With P from the Riccati equation P = A P Aᵀ + Q - K S Kᵀ, S = C P Cᵀ + V, K = A P Cᵀ S⁻¹, the residual of the own
-location is white with covariance S once the transient is over.
+The error obeys e := (A - K C) e + (Y + K W) v - T d, and r = C e - W v, so that with P from the Riccati equation
+P = A P Aᵀ + Q - K S Kᵀ, Q = T cov(d) Tᵀ + Y V Yᵀ, S = C P Cᵀ + W V Wᵀ, K = (A P Cᵀ - Y V Wᵀ) S⁻¹, the residual of the
+own location is white with covariance S once the transient is over.
 
-In: a residual generator of observer form.  Out: the same with the Kalman gain, and S.  Cost: one Riccati equation.
-Source: Anderson and Moore, Optimal Filtering, section 4.4; Willsky and Jones (1976).
+In: what a generator follows.  Out: the generator with the Kalman gain, and S.  Cost: one Riccati equation.
+Source: Anderson and Moore, Optimal Filtering, sections 4.4 and 5.4; Willsky and Jones (1976).
 """
-
-from dataclasses import replace
 
 import numpy as np
 
-from deshybrid.detector.residual import ResidualGenerator, sampled_dynamics
+from deshybrid.detector.residual import Followed, ResidualGenerator, generator_of, sampled_dynamics
 from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray, frozen_array
 from deshybrid.model.system import HybridSystem, Location
@@ -25,34 +24,25 @@ from deshybrid.model.system import HybridSystem, Location
 REGULAR = 1e-9  # share of the measurement's variance that the state is driven by at least, so that P is unique
 
 
-def white_generator(system: HybridSystem, generator: ResidualGenerator) -> tuple[ResidualGenerator, FloatArray]:
-    """Return the generator with the gain that makes its residual white, and the residual's covariance S (q, q).
+def white_generator(system: HybridSystem, followed: Followed) -> tuple[ResidualGenerator, FloatArray]:
+    """Return the generator whose gain makes its residual white, and the residual's covariance S (q, q).
 
     Raises `UsageError` (DH0614) where the model states no measurement noise, or a singular one.
     """
     from scipy.linalg import solve_discrete_are
 
-    location, C = generator.location, generator.H
+    location, A, C, W = followed.location, followed.A, followed.C, followed.W
     location.noise_form.require_fixed("a statistical test of residuals", location.name)
-    A = generator.F + generator.gain @ C
     V = _measurement_covariance(system, location)
-    drive = REGULAR * float(np.trace(V)) / len(V) * np.eye(len(A))
-    Q = generator.T @ _process_covariance(system, generator) @ generator.T.T + drive
-    P = solve_discrete_are(A.T, C.T, Q, V)
-    S = C @ P @ C.T + V
-    gain = np.linalg.solve(S, C @ P @ A.T).T
-    F, k = A - gain @ C, len(A)
-    sizes = np.maximum(np.abs(np.linalg.eigvals(F)), np.finfo(np.float64).tiny)
-    change = gain - generator.gain
-    made = replace(
-        generator,
-        design="Kalman predictor, white residual",
-        poles=tuple(complex(pole) for pole in np.log(sizes) / generator.step),
-        F=frozen_array(F, (k, k)),
-        input=frozen_array(generator.input - change @ generator.through, generator.input.shape),
-        gain=frozen_array(gain, generator.gain.shape),
-        offset=frozen_array(generator.offset - change @ generator.residual_offset, (k,)),
-    )
+    k, R, N = len(A), W @ V @ W.T, -followed.Y @ V @ W.T
+    drive = REGULAR * float(np.trace(V)) / len(V) * np.eye(k)
+    Q = followed.T @ _process_covariance(system, followed) @ followed.T.T + followed.Y @ V @ followed.Y.T + drive
+    P = solve_discrete_are(A.T, C.T, Q, R, s=N) if k else np.zeros((0, 0))
+    S = C @ P @ C.T + R
+    gain = np.asarray(np.linalg.solve(S, (A @ P @ C.T + N).T).T, dtype=np.float64)
+    sizes = np.maximum(np.abs(np.linalg.eigvals(A - gain @ C)), np.finfo(np.float64).tiny)
+    poles = tuple(complex(pole) for pole in np.log(sizes) / followed.step)
+    made = generator_of(followed, gain, poles, "Kalman predictor, white residual")
     return made, frozen_array((S + S.T) / 2.0, S.shape)
 
 
@@ -67,17 +57,17 @@ def _measurement_covariance(system: HybridSystem, location: Location) -> FloatAr
     return covariance
 
 
-def _process_covariance(system: HybridSystem, generator: ResidualGenerator) -> FloatArray:
+def _process_covariance(system: HybridSystem, followed: Followed) -> FloatArray:
     """The covariance of what noise and disturbance do to the state in a step, (n, n)."""
     from deshybrid.linear.sampling import sample_covariance
 
-    location, dynamics, bound = generator.location, generator.dynamics, system.bounds.disturbance
+    location, dynamics, bound = followed.location, followed.dynamics, system.bounds.disturbance
     if location.process_noise is not None:
         noise = location.process_noise
-        return noise if system.time_step is not None else sample_covariance(dynamics.A, noise, generator.step)
+        return noise if system.time_step is not None else sample_covariance(dynamics.A, noise, followed.step)
     if bound is None:
         return np.zeros_like(dynamics.A)
-    entering = sampled_dynamics(system, dynamics, generator.step).E
+    entering = sampled_dynamics(system, dynamics, followed.step).E
     return np.asarray(entering @ np.diag(bound**2 / 3.0) @ entering.T)
 
 

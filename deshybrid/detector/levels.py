@@ -16,7 +16,6 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from deshybrid.detector.innovation import white_generator
 from deshybrid.detector.residual import ResidualGenerator
 from deshybrid.detector.thresholds import floor, largest_state, settling_ticks, steady_bound
 from deshybrid.diagnostics import UsageError, diagnostic
@@ -62,14 +61,12 @@ def build_part(system: HybridSystem, generator: ResidualGenerator) -> Part:
     return Part(generator, _threshold(system, generator), ticks, np.zeros((0, 0)))
 
 
-def white_part(system: HybridSystem, generator: ResidualGenerator) -> Part:
-    """Return a generator whose residual is made white, to be tested; a test needs no debounce where none is stated.
-
-    Raises `UsageError` (DH0614) where the model states no noise.
-    """
-    made, covariance = white_generator(system, generator)
+def white_part(system: HybridSystem, generator: ResidualGenerator, covariance: FloatArray) -> Part:
+    """Return a generator whose residual is white, to be tested; a test needs no debounce where none is stated."""
     stated = system.observer.detector.debounce
-    return Part(made, _threshold(system, made), 1 if stated is None else _on_ticks(stated, made), covariance)
+    return Part(
+        generator, _threshold(system, generator), 1 if stated is None else _on_ticks(stated, generator), covariance
+    )
 
 
 def settling(system: HybridSystem, part: Part) -> int | None:

@@ -181,7 +181,7 @@ DETECTOR = Record(
         Key(
             "design",
             Word(("luenberger", "unknown_input", "h2", "auto")),
-            "how residual generators are made; luenberger where not written",
+            "how residual generators are made; luenberger where not written, white residuals for sprt and glr",
         ),
         Key(
             "decouple",

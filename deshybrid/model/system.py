@@ -168,8 +168,9 @@ class DetectorOptions:
     `decision`: how residuals become decisions.  `poles` (rad/s) per location; `threshold`: the residual level, in
     output units per channel, below which a location counts as matching; `release`: factor >= 1 from the lower to the
     upper relay level; `debounce`, `window`: seconds; `false_alarm`: 1/s.
-    `design`: how residual generators are made; `decouple`: the disturbances that they must not see (None: as many as
-    can be), for the design `unknown_input`; `delay`: seconds by which each output of the system is measured late, (p,).
+    `design`: how residual generators are made (None: poles placed, or white for tests); `decouple`: the disturbances
+    that they must not see (None: as many as can be), for the designs `unknown_input` and `auto`; `delay`: seconds by
+    which each output of the system is measured late, (p,).
     """
 
     poles: Mapping[str, tuple[complex, ...]] = field(default_factory=_nothing)
@@ -178,7 +179,7 @@ class DetectorOptions:
     debounce: float | None = None
     window: float | None = None
     decision: Decision | None = None
-    design: GeneratorDesign = "luenberger"
+    design: GeneratorDesign | None = None
     decouple: tuple[str, ...] | None = None
     delay: FloatArray | None = None
     false_alarm: float | None = None

@@ -120,7 +120,7 @@ def _detector(
         written.number("debounce"),
         written.number("window"),
         _DECISIONS.get(written.text("decision")),
-        _DESIGNS.get(written.text("design"), "luenberger"),
+        _DESIGNS.get(written.text("design")),
         None if written.get("decouple") is None else tuple(item.text or "" for item in written.items("decouple")),
         per_channel(written.get("delay"), channels.outputs, "the delay", problems),
         written.number("false_alarm"),

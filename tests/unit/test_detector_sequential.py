@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2, multivariate_normal
 
+from deshybrid.detector.designs import design_generator, white_design
 from deshybrid.detector.innovation import white_generator
-from deshybrid.detector.residual import build_generator
+from deshybrid.detector.residual import follow
 from deshybrid.detector.sequential import (
     LONGEST_WINDOW,
     MISS,
@@ -21,6 +22,7 @@ from deshybrid.detector.sequential import (
 )
 from deshybrid.diagnostics import UsageError
 from deshybrid.linear.arrays import FloatArray
+from deshybrid.linear.sampling import sample_covariance, sample_dynamics
 from deshybrid.model.load import loads
 from deshybrid.observer import reference
 
@@ -194,11 +196,9 @@ transitions: [{from: p, to: p, event: a, emits: α}]
 )
 def test_the_residual_of_the_own_location_is_white_with_the_stated_covariance(noise: str) -> None:
     """Simulated step by step with the noise of the model: a known input, uniform or Gaussian noise."""
-    from deshybrid.linear.sampling import sample_covariance, sample_dynamics
-
     system, step, length = loads(MODEL + noise), 0.05, 20_000
     location = system.location("p")
-    generator, S = white_generator(system, build_generator(system, location, rate=1.0, dwell=None, step=step))
+    generator, S = white_generator(system, follow(system, location, step))
     assert location.dynamics is not None
     plant, rng = sample_dynamics(location.dynamics, step), np.random.default_rng(6)
     if noise:
@@ -226,4 +226,49 @@ def test_the_residual_of_the_own_location_is_white_with_the_stated_covariance(no
 def test_a_test_without_measurement_noise_is_refused() -> None:
     system = loads(MODEL.replace(", measurement: 0.03", ""))
     with pytest.raises(UsageError, match="DH0614"):
-        white_generator(system, build_generator(system, system.location("p"), rate=1.0, dwell=None, step=0.05))
+        white_generator(system, follow(system, system.location("p"), 0.05))
+
+
+def test_a_decoupled_test_stays_white_under_a_disturbance_that_keeps_its_sign() -> None:
+    """Far beyond its bound too; the plain test takes it for a shift of the mean.  Both have the stated covariance."""
+    system, step, length = loads(MODEL + "observer: {detector: {design: unknown_input}}\n"), 0.05, 20_000
+    location, rng = system.location("p"), np.random.default_rng(8)
+    decoupled, S = white_design(system, location, step)
+    plain_one, plain_S = white_design(loads(MODEL), location, step)
+    assert location.dynamics is not None
+    assert "decoupled from `w`" in decoupled.design
+    plant, x = sample_dynamics(location.dynamics, step), np.zeros(2)
+    memories, seen = (
+        [np.zeros(len(decoupled.F)), np.zeros(len(plain_one.F))],
+        [np.zeros((length, 1)), np.zeros((length, 2))],
+    )
+    for k in range(length):
+        y = plant.C @ x + plant.g + rng.uniform(-0.03, 0.03, 2)
+        for n, g in enumerate((decoupled, plain_one)):
+            seen[n][k] = g.H @ memories[n] + g.J @ y + g.residual_offset
+            memories[n] = g.F @ memories[n] + g.gain @ y + g.offset
+        x = plant.A @ x + plant.f + plant.E @ [5.0]
+    white, shifted = (r[200:] @ whitening_of(c).T for r, c in zip(seen, (S, plain_S), strict=True))
+    assert np.mean(white) == pytest.approx(0.0, abs=0.05)
+    assert np.std(white) == pytest.approx(1.0, abs=0.05)
+    for lag in (1, 2, 5):
+        assert np.mean(white[lag:] * white[:-lag]) == pytest.approx(0.0, abs=0.05)
+    assert np.abs(shifted.mean(axis=0)).max() > 2.0
+
+
+@pytest.mark.parametrize("design", ["luenberger", "h2", "auto"])
+def test_a_test_of_residuals_that_are_not_white_is_refused(design: str) -> None:
+    system = loads(MODEL + f"observer: {{detector: {{design: {design}}}}}\n")
+    with pytest.raises(UsageError, match=f"DH0614.*`{design}`"):
+        white_design(system, system.location("p"), 0.05)
+
+
+@pytest.mark.parametrize("asked", ["decouple: [w]", "decouple: [w], design: h2", "decouple: [w], design: luenberger"])
+def test_a_disturbance_to_decouple_is_never_ignored(asked: str) -> None:
+    """Whatever decides: poles placed, the trade-off and the plain test decouple nothing."""
+    system = loads(MODEL + f"observer: {{detector: {{{asked}}}}}\n")
+    with pytest.raises(UsageError, match=r"DH0612.*decouples nothing"):
+        design_generator(system, system.location("p"), rate=1.0, dwell=None, step=0.05)
+    if "design" not in asked:
+        with pytest.raises(UsageError, match="DH0612"):
+            white_design(system, system.location("p"), 0.05)
