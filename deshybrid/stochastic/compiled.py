@@ -1,9 +1,9 @@
 """IMM and MMAE over whole records, compiled by numba (extra `numba`), a block of trials at a time.
 
-In: the arrays of a `Bank`, logarithms of Π, a prior, measurements (rows, p, trials) and inputs (rows, m, trials).  Out:
-the columns of `Estimates`, trials last.  Idea: every entry of every matrix is a short line of `LANES` trials, which
-stays in the first cache and is what the compiler turns into vector instructions; lower halves of covariances only.  The
-results are those of numpy up to rounding: 1e-9 of the largest number of a record in the tests.
+In: the arrays of a `Bank`, logarithms of Π, a prior, measurements (rows, p, trials), inputs (rows, m, trials), a gate.
+Out: the columns of `Estimates`, trials last.  Idea: every entry of every matrix is a short line of `LANES` trials,
+which stays in the first cache and is what the compiler turns into vector instructions; lower halves of covariances
+only.  The results are those of numpy up to rounding: 1e-9 of the largest number of a record in the tests.
 
 O(M² n² + M n³) a row and trial; the first call compiles for seconds, later processes take that from a cache.
 """
@@ -15,9 +15,10 @@ from numba import njit
 
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.stochastic.belief import Belief
+from deshybrid.stochastic.gating import PATIENCE
 from deshybrid.stochastic.system import Bank
 
-Columns: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+Columns: TypeAlias = tuple[FloatArray, ...]
 
 LANES = 16
 _HALF_LOG_2PI = 0.5 * np.log(2.0 * np.pi)
@@ -150,13 +151,15 @@ def _eliminate(L, e, W):
 
 
 @njit(cache=True, error_model="numpy")
-def _correct(L, e, W, x, P, log_likelihood):
-    """x + Σ w e / d, P - Σ w wᵀ / d over the rows of L⁻¹ W, and the log-likelihood but for its constant."""
+def _correct(L, e, W, x, P, log_likelihood, distance):
+    """x + Σ w e / d, P - Σ w wᵀ / d over the rows of L⁻¹ W, Σ e² / d, and the log-likelihood but for its constant."""
     p, n, lanes = W.shape
     for t in range(lanes):
         log_likelihood[t] = 0.0
+        distance[t] = 0.0
     for i in range(p):
         for t in range(lanes):
+            distance[t] += e[i, t] * e[i, t] / L[i, i, t]
             log_likelihood[t] -= 0.5 * (e[i, t] * e[i, t] / L[i, i, t] + np.log(L[i, i, t]))
         for a in range(n):
             for t in range(lanes):
@@ -184,15 +187,53 @@ def _weigh(predicted, fit, log_mu, mu, total):
 
 
 @njit(cache=True, error_model="numpy")
-def _rows(bank, log_Pi, belief, z, u, u_before, mixing, columns):
-    """All rows of one block; the belief (x, P, log_mu) changes in place."""
+def _admit(z, distance, predicted, gate, count, gated, readmitted):
+    """Which lanes are left out and which are taken beyond the gate, as `gating.Gate.judge` says."""
+    (modes, lanes), (limits, patience) = distance.shape, gate
+    for t in range(lanes):
+        measured = 0
+        for i in range(z.shape[0]):
+            measured += 0 if np.isnan(z[i, t]) else 1
+        beyond = measured > 0
+        for j in range(modes):
+            if predicted[j, t] > -np.inf and not distance[j, t] > limits[measured]:
+                beyond = False
+        is_open = count[t] >= patience
+        gated[t], readmitted[t] = beyond and not is_open, beyond and is_open
+        if measured > 0 and beyond == is_open:
+            count[t] = patience if is_open else 0
+        elif measured > 0:
+            count[t] = (count[t] + 1) % (2 * patience)
+
+
+@njit(cache=True, error_model="numpy")
+def _leave_out(gated, predicted_x, predicted_P, x, P, residual, S, fit):
+    """Put back what was predicted, for the lanes that are left out: residual 0, S = 1, a perfect fit."""
+    for t in range(len(gated)):
+        if gated[t]:
+            fit[t] = 0.0
+            for a in range(x.shape[0]):
+                x[a, t] = predicted_x[a, t]
+                for b in range(a + 1):
+                    P[a, b, t] = predicted_P[a, b, t]
+            for i in range(residual.shape[0]):
+                residual[i, t] = 0.0
+                for b in range(i + 1):
+                    S[i, b, t] = 1.0 if i == b else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _rows(bank, log_Pi, belief, z, u, u_before, mixing, gate, columns):
+    """All rows of one block; the belief (x, P, log_mu) changes in place; gate: limits or none, patience."""
     F, H, Q, R, B, D, f, g = bank
     x, P, log_mu = belief
-    means, covariances, probabilities, log_likelihoods, nis = columns
+    means, covariances, probabilities, log_likelihoods, nis, gated, readmitted = columns
     (modes, p, n), lanes = H.shape, x.shape[2]
     x0, P0, spread, FP = np.empty_like(x), np.empty_like(P), np.empty((max(n, p), lanes)), np.empty((n, lanes))
     predicted, weights, mu = np.empty((modes, lanes)), np.empty((modes, modes, lanes)), np.empty((modes, lanes))
     residual, S, fit = np.empty((modes, p, lanes)), np.empty((modes, p, p, lanes)), np.empty((modes, lanes))
+    moved_x, moved_P, count = np.empty_like(x), np.empty_like(P), np.zeros(lanes, np.int64)
+    distance = np.empty((modes, lanes))
     e, L, W, nothing = np.empty((p, lanes)), np.empty((p, p, lanes)), np.empty((p, n, lanes)), np.empty((p, 0, lanes))
     for row in range(z.shape[0]):
         _predict_mu(log_Pi, log_mu, predicted, weights)
@@ -205,8 +246,14 @@ def _rows(bank, log_Pi, belief, z, u, u_before, mixing, columns):
             _move(F[j], Q[j], B[j], f[j], u_before[row], x0[j], P0[j], x[j], P[j], FP)
             _innovate(H[j], R[j], D[j], g[j], u[row], z[row], x[j], P[j], residual[j], S[j], W)
             _copy(residual[j], S[j], e, L)
+            if len(gate[0]):
+                _copy(x[j], P[j], moved_x[j], moved_P[j])
             _eliminate(L, e, W)
-            _correct(L, e, W, x[j], P[j], fit[j])
+            _correct(L, e, W, x[j], P[j], fit[j], distance[j])
+        if len(gate[0]):
+            _admit(z[row], distance, predicted, gate, count, gated[row], readmitted[row])
+            for j in range(modes):
+                _leave_out(gated[row], moved_x[j], moved_P[j], x[j], P[j], residual[j], S[j], fit[j])
         _weigh(predicted, fit, log_mu, probabilities[row], log_likelihoods[row])
         _blend(probabilities[row], x, P, means[row], covariances[row], spread)
         _mirror(covariances[row])
@@ -215,7 +262,7 @@ def _rows(bank, log_Pi, belief, z, u, u_before, mixing, columns):
                 mu[j, t] = np.exp(predicted[j, t])
         _blend(mu, residual, S, e, L, spread)
         _eliminate(L, e, nothing)
-        _judge(z[row], e, L, log_likelihoods[row], nis[row])
+        _judge(z[row], gated[row], e, L, log_likelihoods[row], nis[row])
 
 
 @njit(cache=True, error_model="numpy")
@@ -237,21 +284,31 @@ def _mirror(P):
 
 
 @njit(cache=True, error_model="numpy")
-def _judge(z, e, D, log_likelihood, nis):
+def _judge(z, gated, e, D, log_likelihood, nis):
     """The squared residual of the mixture from its factors, and the constant of the likelihood."""
     p, lanes = e.shape
     for t in range(lanes):
         nis[t] = 0.0
         for i in range(p):
             nis[t] += e[i, t] * e[i, t] / D[i, i, t]
-            log_likelihood[t] -= 0.0 if np.isnan(z[i, t]) else _HALF_LOG_2PI
+            log_likelihood[t] -= 0.0 if np.isnan(z[i, t]) or gated[t] else _HALF_LOG_2PI
 
 
-def run(bank: Bank, log_Pi: FloatArray, prior: Belief, z: FloatArray, u: FloatArray, *, mixing: bool) -> Columns:
-    """Return x (N, n, T), P (N, n, n, T), mu (N, M, T), log_likelihood and nis (N, T) of T trials.
+def run(
+    bank: Bank,
+    log_Pi: FloatArray,
+    prior: Belief,
+    rows_of: tuple[FloatArray, FloatArray],
+    *,
+    mixing: bool,
+    limits: FloatArray,
+) -> Columns:
+    """Return x (N, n, T), P (N, n, n, T), mu (N, M, T), log_likelihood, nis, gated, readmitted (N, T) of T trials.
 
-    z (N, p, T) is NaN where a measurement is missing, u (N, m, T) the input of each row; `prior` is that of one trial.
+    `rows_of`: z (N, p, T), NaN where a measurement is missing, and the input u (N, m, T) of each row; `prior` is that
+    of one trial, `limits` (p + 1,) those of a gate, empty without one.
     """
+    z, u = rows_of
     modes, n = prior.x.shape
     rows, _, trials = z.shape
     arrays = (bank.F, bank.H, bank.Q, bank.R, bank.B, bank.D, bank.f, bank.g)
@@ -262,12 +319,13 @@ def run(bank: Bank, log_Pi: FloatArray, prior: Belief, z: FloatArray, u: FloatAr
         belief = tuple(np.repeat(part[..., None], lanes, axis=-1) for part in (prior.x, prior.P, prior.log_mu))
         now = np.ascontiguousarray(u[..., at])
         before = np.concatenate([now[:1], now[:-1]])
-        shapes = ((n,), (n, n), (modes,), (), ())
-        columns = tuple(np.empty((rows, *shape, lanes)) for shape in shapes)
-        _rows(arrays, log_Pi, belief, np.ascontiguousarray(z[..., at]), now, before, mixing, columns)
+        columns = tuple(np.empty((rows, *shape, lanes)) for shape in ((n,), (n, n), (modes,), (), ()))
+        columns += tuple(np.zeros((rows, lanes), dtype=np.bool_) for _ in ("gated", "readmitted"))
+        _rows(
+            arrays, log_Pi, belief, np.ascontiguousarray(z[..., at]), now, before, mixing, (limits, PATIENCE), columns
+        )
         blocks.append(columns)
-    x, P, mu, log_likelihood, nis = (np.concatenate(parts, axis=-1) for parts in zip(*blocks, strict=True))
-    return x, P, mu, log_likelihood, nis
+    return tuple(np.concatenate(parts, axis=-1) for parts in zip(*blocks, strict=True))
 
 
 __all__ = ["LANES", "run"]

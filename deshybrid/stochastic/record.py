@@ -100,7 +100,7 @@ def estimate(
 
     A row that no mode expects with the probability `gate` is an outlier and counts as missing, unless the filter itself
     seems to be lost (`deshybrid.stochastic.gating`).  The engine `numba`
-    (extra `numba`; `imm` and `mmae` without a gate) compiles for seconds when it is first used, and is several times as
+    (extra `numba`; `imm` and `mmae`) compiles for seconds when it is first used, and is several times as
     fast for many trials or rows; results are those of `numpy` up to rounding.  The engine `roots` (`imm` only) works on
     square roots of covariances, for those that spread over more than eight digits.
 
@@ -123,10 +123,10 @@ def estimate(
         rows = _rows(measured, inputs)
         return _stacked(_run(RootBelief.prior(system, trials), _root_step(system), rows, opening), seen)
     if engine == "numba":
-        if method == "rmimm" or gate is not None:
-            raise UsageError(diagnostic("DH1109", "numba runs `imm` and `mmae`, without a gate"))
+        if method == "rmimm":
+            raise UsageError(diagnostic("DH1109", "numba runs `imm` and `mmae`"))
         require_fixed_noise(system.modes, "the engine `numba`")
-        made = _compiled(system, measured, inputs, seen, mixing=method == "imm")
+        made = _compiled(system, (measured, inputs), seen, opening, mixing=method == "imm")
         if made is not None:
             return made
     rows = _rows(measured, inputs)
@@ -136,7 +136,12 @@ def estimate(
 
 
 def _compiled(
-    system: StochasticSystem, z: FloatArray, u: FloatArray | None, seen: Flags, *, mixing: bool
+    system: StochasticSystem,
+    record: tuple[FloatArray, FloatArray | None],
+    seen: Flags,
+    gate: Gate | None,
+    *,
+    mixing: bool,
 ) -> Estimates | None:
     """The estimates by numba; None where they are not finite, so that numpy may say why."""
     try:
@@ -144,17 +149,21 @@ def _compiled(
     except ImportError as error:
         helps = ("install it with `pip install deshybrid[numba]`, or take the engine `numpy`",)
         raise UsageError(diagnostic("DH1109", "the engine `numba` is not installed", helps=helps)) from error
+    z, u = record
     trials, count = z.shape[:-2], math.prod(z.shape[:-2])
     flat = behind(np.where(seen, z, np.nan), 2).reshape(*z.shape[-2:], count)
     inputs = np.zeros((len(flat), 0, count)) if u is None else behind(u, 2).reshape(*u.shape[-2:], count)
     log_Pi, prior = system.log_probability_to_from, Belief.prior(system)
-    found = run(system.comparable_bank, log_Pi, prior, flat, inputs, mixing=mixing)
+    limits = np.zeros(0) if gate is None else gate.limits
+    found = run(system.comparable_bank, log_Pi, prior, (flat, inputs), mixing=mixing, limits=limits)
     if not all(np.isfinite(column).all() for column in found):
         return None
     shaped = (part.reshape(*part.shape[:-1], *trials) for part in found)
-    x, P, mu, log_likelihood, nis = (sealed(in_front(part, part.ndim - len(trials))) for part in shaped)
-    no = np.zeros(log_likelihood.shape, dtype=np.bool_)
-    return Estimates(x, P, mu, log_likelihood, nis, seen.sum(axis=-1).astype(np.float64), gated=no, readmitted=no)
+    columns = [sealed(in_front(part, part.ndim - len(trials))) for part in shaped]
+    x, P, mu, log_likelihood, nis = columns[:5]
+    gated, readmitted = (column > 0 for column in columns[5:])
+    used = seen & ~gated[..., None]
+    return Estimates(x, P, mu, log_likelihood, nis, used.sum(axis=-1).astype(np.float64), gated, readmitted)
 
 
 def _step(system: StochasticSystem, method: str) -> Step[Belief]:

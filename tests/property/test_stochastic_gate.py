@@ -15,7 +15,7 @@ from deshybrid.stochastic.record import estimate, estimate_known
 from deshybrid.stochastic.sample import sample
 from tests.naive_filters import skipping_imm
 from tests.property.test_stochastic_filters import tracking
-from tests.strategies import random_stochastic_system
+from tests.strategies import drawn_record, random_stochastic_system
 from tests.unit.test_stochastic_command import WALK, trace
 
 seeds = st.integers(0, 2**32 - 1)
@@ -31,6 +31,27 @@ def run(system, z, method, gate):
 
 
 METHODS = ("imm", "mmae", "rmimm", "roots", "skf")
+
+
+@pytest.mark.parametrize("method", ["imm", "mmae"])
+def test_numba_leaves_out_and_takes_the_rows_of_numpy_on_30_random_systems(method):
+    pytest.importorskip("numba", reason="numba is not installed")
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        system = random_stochastic_system(rng)
+        z, u = drawn_record(rng, system, (3, 7), rows=20)
+        z[:, :, 8:] += rng.choice([0.0, 30.0], (3, 7, 1, 1))
+        z[0, 0, 4:6] = np.nan
+        gate = float(rng.choice([0.5, 0.99]))
+        ours, theirs = (
+            estimate(system, z, u, method=method, gate=gate, engine=engine) for engine in ("numba", "numpy")
+        )
+        for name in ("gated", "readmitted", "channels"):
+            np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
+        for name in ("x", "P", "mu", "log_likelihood", "nis"):
+            wanted = getattr(theirs, name)
+            scale = max(1.0, np.abs(wanted).max())
+            np.testing.assert_allclose(getattr(ours, name), wanted, rtol=0, atol=1e-9 * scale, err_msg=name)
 
 
 @given(seed=seeds, probability=st.sampled_from([0.3, 0.9, 0.999]))

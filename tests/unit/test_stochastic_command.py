@@ -246,7 +246,6 @@ def test_an_engine_gives_the_estimates_of_numpy_and_is_named_in_the_record(tmp_p
         ("numba", ("--method", "skf")),
         ("roots", ("--lag", "3")),
         ("roots", ("--method", "mmae")),
-        ("numba", ("--gate", "0.99")),
         ("numba", ("--method", "rmimm")),
     ],
 )
