@@ -21,6 +21,8 @@ from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray, frozen_array
 from deshybrid.stochastic.belief import log_probability, log_sum, mixture_covariance, squared_residual
 from deshybrid.stochastic.filters import ModeFilter
+from deshybrid.stochastic.gating import Gate, Judgement
+from deshybrid.stochastic.gaussian import Correction
 from deshybrid.stochastic.lanes import product, symmetric, times
 from deshybrid.stochastic.multiple import weighed
 from deshybrid.stochastic.system import ModeTransition
@@ -160,25 +162,41 @@ class Interacting:
             moved.append(one.move(mean[..., 0, :], mixture_covariance(weights, x - mean, P), u))
         return ModeBelief(tuple(x for x, _ in moved), tuple(P for _, P in moved), log_mu)
 
-    def update(self, belief: ModeBelief, z: FloatArray, u: FloatArray | None = None) -> "ModePosterior":
+    def update(
+        self, belief: ModeBelief, z: FloatArray, u: FloatArray | None = None, *, gate: Gate | None = None
+    ) -> "ModePosterior":
         """Return the belief after the measurement z (..., p), NaN where a channel is missing.
+
+        With a gate an outlier counts as missing; the gate of the next row is `judgement.gate` of the posterior.
 
         Raises `UsageError`: DH1105 where a covariance is singular, DH1108 where numbers overflow.
         """
-        done = [one.correct(x, P, z, u) for one, x, P in zip(self.filters, belief.x, belief.P, strict=True)]
+        done = self._corrected(belief, z, u)
+        judgement = Judgement.none(z.shape[:-1])
+        if gate is not None:
+            judgement = gate.judge(np.stack([one.distance for one in done], axis=-1), belief.log_mu, z)
+        if judgement.gated.any():
+            done = self._corrected(belief, np.where(judgement.gated[..., None], np.nan, z), u)
         log_mu, log_likelihood = weighed(belief.log_mu, np.stack([one.log_likelihood for one in done], axis=-1))
         posterior = ModeBelief(tuple(one.x for one in done), tuple(one.P for one in done), log_mu)
         residual, S = np.stack([one.residual for one in done], axis=-2), np.stack([one.S for one in done], axis=-3)
-        return ModePosterior(posterior, log_likelihood, squared_residual(belief.mu, residual, S))
+        return ModePosterior(posterior, log_likelihood, squared_residual(belief.mu, residual, S), judgement)
+
+    def _corrected(self, belief: ModeBelief, z: FloatArray, u: FloatArray | None) -> list[Correction]:
+        return [one.correct(x, P, z, u) for one, x, P in zip(self.filters, belief.x, belief.P, strict=True)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModePosterior:
-    """A belief after a measurement, with log p(z | before) (...) and the mixture's squared residual `nis` (...)."""
+    """A belief after a measurement, with log p(z | before) (...) and the mixture's squared residual `nis` (...).
+
+    `judgement` says where the measurement was an outlier and taken for missing, and holds the gate of the next row.
+    """
 
     belief: ModeBelief
     log_likelihood: FloatArray
     nis: FloatArray
+    judgement: Judgement
 
 
 __all__ = ["Conversion", "Interacting", "ModeBelief", "ModePosterior", "conversion"]

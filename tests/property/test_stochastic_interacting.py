@@ -9,6 +9,7 @@ from deshybrid.diagnostics import UsageError
 from deshybrid.model.load import load
 from deshybrid.stochastic.filters import ExtendedFilter, LinearFilter, UnscentedFilter
 from deshybrid.stochastic.from_model import stochastic_system
+from deshybrid.stochastic.gating import Gate
 from deshybrid.stochastic.interacting import Interacting, conversion
 from deshybrid.stochastic.lanes import times
 from deshybrid.stochastic.record import estimate, rows_of
@@ -34,29 +35,34 @@ def as_unscented(mode):
     return UnscentedFilter(mode.name, f=linear.f, h=linear.h, Q=mode.Q, R=mode.R, scaling=1.0)
 
 
-def run(imm, prior, rows):
+def run(imm, prior, rows, gate=None):
     found = []
     belief = prior
     for z, before, now in rows:
-        posterior = imm.update(imm.predict(belief, before), z, now)
-        belief = posterior.belief
-        found.append((*imm.mixture(belief), belief.mu, posterior.log_likelihood, posterior.nis))
+        posterior = imm.update(imm.predict(belief, before), z, now, gate=gate)
+        belief, told = posterior.belief, posterior.judgement
+        gate = told.gate
+        fates = (told.gated, told.readmitted)
+        found.append((*imm.mixture(belief), belief.mu, posterior.log_likelihood, posterior.nis, *fates))
     return [np.stack(column) for column in zip(*found, strict=True)]
 
 
 @pytest.mark.parametrize("kind", [LinearFilter, as_extended, as_unscented])
-@given(seed=seeds)
+@given(seed=seeds, probability=st.sampled_from([None, 0.5, 0.99]))
 @settings(max_examples=8, deadline=None)
-def test_over_linear_modes_every_kind_of_filter_gives_the_linear_imm(kind, seed):
+def test_over_linear_modes_every_kind_of_filter_gives_the_linear_imm(kind, seed, probability):
     rng = np.random.default_rng(seed)
     system = random_stochastic_system(rng)
-    z, u = drawn_record(rng, system, (2,), rows=8)
+    z, u = drawn_record(rng, system, (2,), rows=14)
+    z[:, 5:] += 20.0
     imm = Interacting([kind(mode) for mode in system.modes], system.chain)
     count = len(system.modes)
     prior = imm.prior([system.x] * count, [system.P] * count, system.mu, (2,))
-    rows = [(z[:, k], u[:, max(k - 1, 0)], u[:, k]) for k in range(8)]
-    expected = estimate(system, z, u)
-    for name, column in zip(("x", "P", "mu", "log_likelihood", "nis"), run(imm, prior, rows), strict=True):
+    rows = [(z[:, k], u[:, max(k - 1, 0)], u[:, k]) for k in range(14)]
+    expected = estimate(system, z, u, gate=probability)
+    gate = None if probability is None else Gate.of(z.shape[-1], probability, (2,))
+    names = ("x", "P", "mu", "log_likelihood", "nis", "gated", "readmitted")
+    for name, column in zip(names, run(imm, prior, rows, gate), strict=True):
         wanted = np.moveaxis(getattr(expected, name), 1, 0)
         np.testing.assert_allclose(column, wanted, rtol=1e-7, atol=1e-8 * max(1.0, np.abs(wanted).max()), err_msg=name)
 
@@ -122,7 +128,7 @@ def test_a_mode_without_accelerations_interacts_with_one_that_has_them_as_in_the
     prior = imm.prior([padded.x[keep], padded.x], [padded.P[np.ix_(keep, keep)], padded.P], padded.mu)
     z = sample(padded, 60, seed=4).z
     expected = estimate(padded, z)
-    x, _, mu, log_likelihood, _ = run(imm, prior, rows_of(padded, z))
+    x, _, mu, log_likelihood, *_ = run(imm, prior, rows_of(padded, z))
     np.testing.assert_allclose(mu, expected.mu, atol=1e-8)
     np.testing.assert_allclose(log_likelihood, expected.log_likelihood, rtol=1e-8)
     np.testing.assert_allclose(x, expected.x[:, keep], rtol=1e-8, atol=1e-5)
