@@ -6,8 +6,8 @@ first row that has none.
 Measured logs jitter and their clocks drift.  A row counts as equally spaced when it follows the row before by 0.2 to
 1.8 steps (each of the two within 40 % of a step of its place), and when the rows come, on average, within 1 % of the
 step.  Where rows may be missing, a longer gap stands for whole rows, if every gap is within 40 % of a step of a whole
-number of steps, told by the clock of the gaps of one step, which are at least half of all, and none is longer than
-10,000 steps.
+number of steps, told by the clock of the gaps of one step, which are at least half of all, and if no more rows are
+missing than 10,000, or than ten for each that is there.
 
 One pass.  Source: the trace format of the commands `run`, `simulate` and `estimate`.
 """
@@ -21,8 +21,8 @@ from deshybrid.linear.arrays import FloatArray
 
 JITTER = 0.4  # of a step, by which one row may be away from its place
 DRIFT = 0.01  # by which the average step may differ from the one expected
-LONGEST_GAP = 10_000
-"""The most steps of one gap: beyond them a trace is two."""
+MOST_MISSING = 10_000
+"""So many rows may be missing, or ten for each that is there: beyond them a trace is two, and a gap costs its steps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +94,8 @@ def _counts(gaps: FloatArray, step: float) -> FloatArray | None:
         return None
     clock = gaps / single.mean()
     counts: FloatArray = np.rint(clock)
-    fit = (np.abs(clock - counts) <= JITTER) & (counts >= 1.0) & (counts <= LONGEST_GAP)
-    return counts if fit.all() else None
+    fits = bool(((np.abs(clock - counts) <= JITTER) & (counts >= 1.0)).all())
+    return counts if fits and counts.sum() - len(counts) <= max(MOST_MISSING, 10 * len(counts)) else None
 
 
-__all__ = ["DRIFT", "JITTER", "LONGEST_GAP", "Misplaced", "mean_step", "misplaced", "places"]
+__all__ = ["DRIFT", "JITTER", "MOST_MISSING", "Misplaced", "mean_step", "misplaced", "places"]

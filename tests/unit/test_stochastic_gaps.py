@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from deshybrid.diagnostics import TraceError
 from deshybrid.estimation import estimate_trace
 from deshybrid.model.load import loads
-from deshybrid.simulate.spacing import LONGEST_GAP, mean_step, misplaced, places
+from deshybrid.simulate.spacing import MOST_MISSING, mean_step, misplaced, places
 from tests.unit.test_stochastic_command import FLIGHT, TURN, WALK, codes, run, trace
 
 METHODS = ("mmae", "imm", "rmimm", "skf")
@@ -87,7 +87,7 @@ def test_a_model_in_continuous_time_is_sampled_at_the_step_of_the_rows_that_foll
         "0,1\n1,1\n2,1\n2.1,1\n5,1\n",  # two rows at once
         "0,1\n2,1\n4,1\n6,1\n",  # another step
         "0,1\n1000,1\n2000,1\n",  # milliseconds
-        f"0,1\n1,1\n2,1\n{LONGEST_GAP + 3},1\n",
+        f"0,1\n1,1\n2,1\n{MOST_MISSING + 4},1\n",
     ],
 )
 def test_gaps_that_are_no_whole_rows_are_refused_with_their_place(tmp_path, rows):
@@ -95,6 +95,12 @@ def test_gaps_that_are_no_whole_rows_are_refused_with_their_place(tmp_path, rows
         estimate_trace(loads(WALK), trace(tmp_path, "time,y\n" + rows))
     assert codes(caught) == ["DH0322"]
     assert caught.value.diagnostics[0].span is not None
+
+
+def test_a_gap_of_ten_thousand_missing_rows_is_the_longest_of_a_short_trace():
+    time = np.array([0.0, 1.0, 2.0, MOST_MISSING + 3.0])
+    assert misplaced(time, 1.0, missing_rows=True) is None
+    assert misplaced(time + np.array([0.0, 0.0, 0.0, 1.0]), 1.0, missing_rows=True).row == 3
 
 
 def naive_places(time, step):
