@@ -18,7 +18,7 @@ from deshybrid.emit.records import to_json
 from deshybrid.model.problems import did_you_mean
 from deshybrid.model.system import HybridSystem
 from deshybrid.observer.hybrid import HybridObserver
-from deshybrid.replays import CLOSE_UPS, close_up, replayed
+from deshybrid.replays import CLOSE_UPS, Replay, close_up, close_up_of_name, replayed
 from deshybrid.simulate.campaign import DEFAULT_ENGAGEMENTS, MAX_DRIVES, Campaign, run_campaign
 from deshybrid.simulate.campaign_jobs import DriveResult, Rival, Task
 from deshybrid.simulate.campaign_journal import Journal
@@ -190,9 +190,16 @@ def _plots(summary: Summary) -> dict[str, bytes]:
         "confusion.svg": confusion_plot(task.names, summary.confusion),
     }
     for rank, (drive, engagement) in enumerate(summary.worst[:CLOSE_UPS], start=1):
-        replay = replayed(task.observer, task.seen(task.execution(drive.job)))
-        drawn[f"worst-{rank}.svg"] = close_up(replay, engagement, f"drive {drive.job}")
+        drawn[f"worst-{rank}.svg"] = close_up(_replay(task, drive), engagement, f"drive {drive.job}")
+    for drive, wrong in summary.longest_wrong:
+        if wrong.kind == "foreign":
+            drawn["foreign.svg"] = close_up_of_name(_replay(task, drive), wrong, f"drive {drive.job}")
     return drawn
+
+
+def _replay(task: Task, drive: DriveResult) -> Replay:
+    """One drive, run once more."""
+    return replayed(task.observer, task.seen(task.execution(drive.job)))
 
 
 def _digest(system: HybridSystem) -> str:

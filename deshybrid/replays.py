@@ -15,12 +15,13 @@ from deshybrid.emit.replay_plots import Course, Panel, Timeline, courses_plot, t
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.system import HybridSystem
 from deshybrid.observer.hybrid import HybridObserver
+from deshybrid.simulate.campaign_jobs import WrongName, longest_wrong, wrong_names
 from deshybrid.simulate.judged import Judged, replay_judged
 from deshybrid.simulate.replay import EstimateTrace
 from deshybrid.simulate.score import Engagement, is_late, score_locations
 from deshybrid.simulate.trace import Trace
 
-BEFORE, BEHIND = 1.0, 0.5  # s that a close-up shows before an entry, and behind the naming or the exit
+BEFORE, BEHIND = 1.0, 0.5  # s that a close-up shows besides
 CLOSE_UPS = 3  # pictures of single engagements
 
 
@@ -46,6 +47,14 @@ class Replay:
         score = score_locations(self.trace.time.tolist(), truth, self.estimates.location)
         return tuple(e for e in score.worst if e.delay is None or is_late(e.delay, score.limit))
 
+    @property
+    def foreign(self) -> WrongName | None:
+        """The longest name that was neither still held nor only early, None where there is none."""
+        truth = self.trace.true_location or (None,) * len(self.trace)
+        found = longest_wrong(wrong_names(self.trace.time.tolist(), truth, self.estimates.location))
+        kept = [wrong for wrong in found if wrong.kind == "foreign"]
+        return max(kept, key=lambda wrong: wrong.seconds, default=None)
+
 
 def replayed(observer: HybridObserver, trace: Trace) -> Replay:
     """Run an observer over a trace and keep what its residual generators were judged by."""
@@ -53,7 +62,8 @@ def replayed(observer: HybridObserver, trace: Trace) -> Replay:
 
 
 def plots(made: Replay, between: tuple[float, float] | None = None) -> dict[str, bytes]:
-    """Return `timeline.svg`, `states.svg` where there are any, and close-ups of what was late: `worst-1.svg`, ...
+    """Return `timeline.svg`, `states.svg` where there are any, and close-ups: `worst-1.svg` and so on of what was late,
+    `foreign.svg` of the longest foreign name.
 
     `between`: the times (s) that are drawn, all where None.  Raises `UsageError`: DH0806 without matplotlib, DH0728
     where no row lies between the times.
@@ -73,16 +83,29 @@ def plots(made: Replay, between: tuple[float, float] | None = None) -> dict[str,
     late = [found for found in made.late if time[0] <= found.enter <= time[-1]]
     for rank, engagement in enumerate(late[:CLOSE_UPS], start=1):
         drawn[f"worst-{rank}.svg"] = close_up(made, engagement, system.name)
+    foreign = made.foreign
+    if foreign is not None and time[0] <= foreign.begin <= time[-1]:
+        drawn["foreign.svg"] = close_up_of_name(made, foreign, system.name)
     return drawn
 
 
 def close_up(made: Replay, engagement: Engagement, where: str) -> bytes:
     """Return the timeline around an engagement, with what decided about the locations that were true or named."""
     end = engagement.leave if engagement.delay is None else engagement.enter + max(engagement.delay, 0.0)
-    rows = _rows(made.trace, (engagement.enter - BEFORE, end + BEHIND))
     delay = "never named" if engagement.delay is None else f"named {engagement.delay:+.3f} s"
     title = f"{engagement.location}, {where} at {engagement.enter:.3f} s: {delay}"
-    line = _timeline(made, rows, title, marks=[engagement.enter], marked="entry")
+    return _close_up(made, (engagement.enter, end), title, "entry")
+
+
+def close_up_of_name(made: Replay, wrong: WrongName, where: str) -> bytes:
+    """Return the timeline around a wrong name."""
+    title = f"{wrong.named} for {wrong.seconds:.3f} s while {wrong.truth} is true, {where} at {wrong.begin:.3f} s"
+    return _close_up(made, (wrong.begin, wrong.begin + wrong.seconds), title, "wrong name begins")
+
+
+def _close_up(made: Replay, during: tuple[float, float], title: str, marked: str) -> bytes:
+    rows = _rows(made.trace, (during[0] - BEFORE, during[1] + BEHIND))
+    line = _timeline(made, rows, title, marks=[during[0]], marked=marked)
     return timeline_plot(line, _panels(made, rows))
 
 
@@ -182,4 +205,4 @@ def _labelled(system: HybridSystem, name: str) -> str:
     return f"{name} ({unit})" if unit else name
 
 
-__all__ = ["CLOSE_UPS", "Replay", "close_up", "explained_outputs", "plots", "replayed"]
+__all__ = ["CLOSE_UPS", "Replay", "close_up", "close_up_of_name", "explained_outputs", "plots", "replayed"]

@@ -207,8 +207,25 @@ def test_late_engagements_get_a_close_up_each_and_only_within_the_times_asked_fo
     worst = replay.late[0]
     assert {f"worst-{rank}.svg" for rank in range(1, 1 + min(3, len(replay.late)))} <= set(replays.plots(replay))
     around = replays.plots(replay, (worst.enter - 0.1, worst.enter + 0.1))
-    assert list(around) == ["timeline.svg", "states.svg", "worst-1.svg"]
+    assert [name for name in around if name != "foreign.svg"] == ["timeline.svg", "states.svg", "worst-1.svg"]
     assert f"{worst.location}, driveline at {worst.enter:.3f} s".encode() in around["worst-1.svg"]
+
+
+def test_the_longest_foreign_name_gets_a_close_up() -> None:
+    made = observer("relay")
+    trace = simulate(made.system, duration=8.0, step=made.step_seconds, seed=1).trace
+    truth = ("qN",) * len(trace)  # as if the clutch had never locked
+    replay = replays.replayed(made, replace(trace, true_location=truth))
+    wrong = replay.foreign
+    assert wrong is not None
+    named = [name == wrong.named for name in replay.estimates.location]
+    first = trace.time.tolist().index(wrong.begin)
+    last = trace.time.tolist().index(wrong.begin + wrong.seconds)
+    assert all(named[first:last])
+    assert not named[first - 1]
+    assert last == len(trace) - 1 or not named[last]
+    title = f"{wrong.named} for {wrong.seconds:.3f} s while qN is true".encode()
+    assert title in replays.plots(replay)["foreign.svg"]
 
 
 def test_a_plot_without_rows_is_refused() -> None:
