@@ -24,6 +24,7 @@ from deshybrid.model.system import HybridSystem, ObserverOptions
 from deshybrid.simulate.spacing import mean_step, places
 from deshybrid.simulate.table import decode, read_bytes
 from deshybrid.simulate.trace import Trace, parse_trace, quoted, shortest
+from deshybrid.stochastic.calibration import normal_scores
 from deshybrid.stochastic.from_model import require_stochastic, stochastic_system
 from deshybrid.stochastic.gating import PATIENCE
 from deshybrid.stochastic.record import Engine, Estimates, estimate, estimate_known
@@ -46,6 +47,7 @@ class Estimation:
     lag: int = 0
     gaps: tuple[int, ...] = ()  # how many rows are missing in each gap
     engine: Engine = "numpy"
+    measured: tuple[FloatArray, FloatArray | None] | None = None  # every step, missing rows as well, and the inputs
 
     @cached_property
     def location(self) -> tuple[str, ...]:
@@ -71,6 +73,14 @@ class Estimation:
     def consistency(self) -> Consistency:
         """Squared residuals of all rows but outliers; only a mixture of one is χ² exactly."""
         return Consistency(float(self.estimates.nis.sum()), int(self.estimates.channels.sum()))
+
+    @cached_property
+    def calibration(self) -> Consistency | None:
+        """Squared normal scores of all rows, χ² for a mixture, too; None but for `imm` and `mmae` as they stand."""
+        if self.measured is None or self.method not in ("imm", "mmae") or self.gate is not None:
+            return None
+        scores = normal_scores(self.system, *self.measured, method="imm" if self.method == "imm" else "mmae")
+        return Consistency(float(np.nansum(scores**2)), int((~np.isnan(scores)).sum()))
 
     @cached_property
     def problems(self) -> tuple[Diagnostic, ...]:
@@ -110,7 +120,6 @@ class Estimation:
     def record(self) -> dict[str, object]:
         """Return the summary as a tree for JSON."""
         sums = self.consistency
-        nis = {"sum": sums.total, "freedom": sums.freedom, "band_95": list(sums.band)} if sums.freedom else None
         return {
             "format": "deshybrid-estimate/1",
             "name": self.trace.system.name,
@@ -119,7 +128,8 @@ class Estimation:
             "rows": len(self.trace),
             "missing_rows": sum(self.gaps),
             "log_likelihood": self.log_likelihood,
-            "nis": nis,
+            "nis": sums.record(),
+            "normal_scores": None if self.calibration is None else self.calibration.record(),
             "lag": self.lag,
             "gate": self.gate,
             "outliers": (np.flatnonzero(self.estimates.gated) + 1).tolist(),
@@ -128,17 +138,14 @@ class Estimation:
         }
 
     def __str__(self) -> str:
-        consistency = self.consistency
         lines = [f"log-likelihood: {self.log_likelihood:.6f} over {len(self.trace)} rows ({self.method})"]
         if self.gaps:
             lines.append(f"missing: {sum(self.gaps)} rows in {len(self.gaps)} gaps, predicted only")
         if self.lag:
             lines.append(f"smoothed: each row with {self.lag} rows after it")
-        if consistency.freedom:
-            low, high = (bound / consistency.freedom for bound in consistency.band)
-            mean = consistency.total / consistency.freedom
-            where = "within" if consistency.holds else "outside"
-            lines.append(f"NIS: {mean:.3f} a measured number, {where} the 95 % band {low:.3f} to {high:.3f}")
+        for name, sums in (("NIS", self.consistency), ("normal scores", self.calibration)):
+            if sums is not None and sums.freedom:
+                lines.append(f"{name}: {sums}")
         if self.gate is not None:
             taken = int(self.estimates.readmitted.sum())
             back = f"; {taken} more taken, as {PATIENCE} in a row had been left out" if taken else ""
@@ -224,7 +231,7 @@ def estimate_trace(
     else:
         made = estimate(system, z, u, method=method, gate=gate, engine=engine)
     gaps = tuple(gap - 1 for gap in np.diff(at).tolist() if gap > 1)
-    return Estimation(samples, system, method, made.rows(at), gate, lag, gaps, engine)
+    return Estimation(samples, system, method, made.rows(at), gate, lag, gaps, engine, (z, u))
 
 
 def plot(made: Estimation) -> bytes:

@@ -5,7 +5,8 @@ In: true and estimated modes or states as sequences and arrays.  Out: `Switch`, 
 A delay counts rows: a switch whose own row already names the new mode has delay 1, as in the paper.  Consistency asks
 whether squared residuals are as large as the filter believes: those of a matched filter are white, so that their sum is
 χ² distributed over any number of rows; squared errors of the state (NEES) are not white along a run, and have that
-distribution over independent trials only.  A mixture is no Gaussian, and its sums follow χ² closely but not exactly.
+distribution over independent trials only.  A mixture is no Gaussian, and its sums follow χ² closely but not exactly;
+`deshybrid.stochastic.calibration` has the numbers that do.
 
 Source: Hwang et al. (2006), section 4.3 (delays); Bar-Shalom, Li and Kirubarajan (2001), section 5.4.
 """
@@ -68,6 +69,17 @@ class Consistency:
         """Whether the sum lies within its band."""
         low, high = self.band
         return low <= self.total <= high
+
+    def record(self) -> dict[str, object] | None:
+        """Return the sum and its band as a tree for JSON, None without any number."""
+        if not self.freedom:
+            return None
+        return {"sum": self.total, "freedom": self.freedom, "band_95": list(self.band)}
+
+    def __str__(self) -> str:
+        low, high = (bound / self.freedom for bound in self.band)
+        where = "within" if self.holds else "outside"
+        return f"{self.total / self.freedom:.3f} a measured number, {where} the 95 % band {low:.3f} to {high:.3f}"
 
 
 def nees(error: ArrayLike, P: ArrayLike) -> FloatArray:

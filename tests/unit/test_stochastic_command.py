@@ -365,3 +365,16 @@ def test_a_true_state_of_absurd_size_is_scored_without_overflow(tmp_path):
     score = json.loads(done.stderr)["score"]
     assert score["rms"]["x1"] == pytest.approx(1e308 / np.sqrt(100), rel=1e-12)
     assert score["nees"] is None
+
+
+def test_normal_scores_are_told_for_mixtures_alone(tmp_path):
+    made = estimate_trace(TURN, FLIGHT)
+    told = made.record()["normal_scores"]
+    assert told == {"sum": made.calibration.total, "freedom": 200, "band_95": list(made.calibration.band)}
+    assert f"normal scores: {made.calibration}" in str(made)
+    holed = trace(tmp_path, "time,y\n0,1\n1,\n2,3\n")
+    assert estimate_trace(loads(WALK), holed).calibration.freedom == 2
+    for method, gate in (("skf", None), ("rmimm", None), ("imm", 0.99)):
+        other = estimate_trace(TURN, FLIGHT, method=method, gate=gate)
+        assert other.record()["normal_scores"] is None
+        assert "normal scores" not in str(other)
