@@ -140,7 +140,9 @@ class Estimation:
     def __str__(self) -> str:
         lines = [f"log-likelihood: {self.log_likelihood:.6f} over {len(self.trace)} rows ({self.method})"]
         if self.gaps:
-            lines.append(f"missing: {sum(self.gaps)} rows in {len(self.gaps)} gaps, predicted only")
+            rows, gaps = sum(self.gaps), len(self.gaps)
+            where = f"in {gaps} gap{'s' * (gaps > 1)}"
+            lines.append(f"missing: {rows} row{'s' * (rows > 1)} {where}, predicted only")
         if self.lag:
             lines.append(f"smoothed: each row with {self.lag} rows after it")
         for name, sums in (("NIS", self.consistency), ("normal scores", self.calibration)):

@@ -76,13 +76,18 @@ def places(time: FloatArray, step: float) -> NDArray[np.intp]:
 def mean_step(time: FloatArray) -> float:
     """Return the step (s) of two rows or more: their mean distance, gaps counted as the steps that they take.
 
+    Where the rows fit no step, that of most of them, so that a message may point at the others.
+
     >>> mean_step(np.array([0.0, 0.5, 1.0, 4.0]))
     0.5
     """
     gaps, whole = np.diff(time), float(time[-1] - time[0])
     usual = float(np.sort(gaps)[(len(gaps) - 1) // 2])  # one step, where half of the gaps are of one
     counts = _counts(gaps, usual)
-    return whole / (len(gaps) if counts is None else float(counts.sum()))
+    if counts is not None:
+        return whole / float(counts.sum())
+    mean = whole / len(gaps)
+    return mean if misplaced(time, mean) is None else usual
 
 
 def _counts(gaps: FloatArray, step: float) -> FloatArray | None:

@@ -207,6 +207,7 @@ def test_rows_that_are_not_equally_spaced_are_refused_in_continuous_time(tmp_pat
     with pytest.raises(TraceError) as caught:
         estimate_trace(loads(text), trace(tmp_path, "time,y\n0,1\n0.5,2\n1,2\n9.25,2\n"))
     assert codes(caught) == ["DH0322"]
+    assert "8.25 s after the row before, expected 0.5 s" in str(caught.value)
 
 
 def test_the_six_state_example_has_the_matrices_of_section_5():
