@@ -20,10 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from deshybrid.detector.residual import ResidualGenerator, sampled_dynamics
-from deshybrid.detector.thresholds import largest_state, measurement_bound
+from deshybrid.detector.thresholds import largest_state, measurement_bound, unmodelled
 from deshybrid.detector.together import driven_together
 from deshybrid.linear.arrays import FloatArray
-from deshybrid.linear.dynamics import LinearDynamics
 from deshybrid.model.system import HybridSystem, Location
 
 MOST_SAMPLES = 1_000
@@ -91,26 +90,31 @@ def _moving(
     n, k, m = len(dynamics.A), len(generator.F), len(system.input_names)
     whole = joint[1][: n + k]
     bound = np.zeros(m) if system.bounds.input is None else system.bounds.input
-    held, smeared = pushed_in_a_step(system, dynamics, generator.step)
+    held, smeared = pushed_in_a_step(system, source, generator.step)
     by_plant = np.vstack([np.hstack([held, np.diag(smeared)]), np.zeros((k, held.shape[1] + n))])
-    heard = generator.gain * measurement_bound(system.bounds, generator)
+    heard = generator.gain * measurement_bound(system, generator, source)
     by_noise = np.vstack([np.zeros((n, heard.shape[1])), heard])
     driven = whole[:, n + k : n + k + m] * bound
     return whole[:, : n + k], whole[:, -1], np.hstack([driven, by_plant, by_noise])
 
 
-def pushed_in_a_step(system: HybridSystem, dynamics: LinearDynamics, step: float) -> tuple[FloatArray, FloatArray]:
-    """Return what the disturbance does to x: columns (n, r) for one that is held, (n,) for what varies in between."""
-    bound = system.bounds.disturbance
-    if bound is None:
-        return np.zeros((len(dynamics.A), 0)), np.zeros(len(dynamics.A))
-    held = sampled_dynamics(system, dynamics, step).E * bound
+def pushed_in_a_step(system: HybridSystem, plant: Location, step: float) -> tuple[FloatArray, FloatArray]:
+    """Return what moves x beside the inputs: columns (n, r) for a disturbance that is held, (n,) for what varies.
+
+    The latter is what a disturbance that varies within the step adds, and what wrong parameters do.
+    """
+    moved, bound, dynamics = unmodelled(system, plant)[0], system.bounds.disturbance, plant.dynamics
+    n = len(system.state_names)
+    if dynamics is None:
+        return np.zeros((n, 0)), np.zeros(n)
+    held = np.zeros((n, 0)) if bound is None else sampled_dynamics(system, dynamics, step).E * bound
     if system.time_step is not None:
-        return held, np.zeros(len(dynamics.A))
+        return held, moved
     from scipy.linalg import expm
 
-    rising = expm(np.abs(dynamics.A) * step) - np.eye(len(dynamics.A))
-    return held, step * rising @ np.abs(dynamics.E) @ bound
+    rising = expm(np.abs(dynamics.A) * step)
+    varying = np.zeros(n) if bound is None else step * (rising - np.eye(n)) @ np.abs(dynamics.E) @ bound
+    return held, np.asarray(varying + step * rising @ moved)
 
 
 __all__ = ["Interval", "carried_over", "pushed_in_a_step"]

@@ -155,7 +155,8 @@ def _test(system: HybridSystem, wish: DecisionWish, parts: tuple[Part, ...]) -> 
     ticks = max(_fading(system, part, white, wish.kind) + part.on_ticks for part, white in judged)
     return DecisionDesign(
         wish.kind,
-        f"{wish.reason}; at most {rate:g} false alarms a second and generator, if the noise is white and Gaussian",
+        f"{wish.reason}; at most {rate:g} false alarms a second and generator, if the noise is white and Gaussian"
+        + (" and the parameters are right: no test allows for their tolerances" if system.tolerance else ""),
         ticks + samples,
         rate,
         whitening,

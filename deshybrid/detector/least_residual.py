@@ -99,8 +99,8 @@ def _course(system: HybridSystem, entry: Entry, part: Part, samples: int) -> Cou
     carried = _at_entry(system, entry, generator, over_z, tracked=False)
     if carried is None:
         return None
-    held, smeared = pushed_in_a_step(system, dynamics, generator.step)
-    noise, rest = measurement_bound(system.bounds, generator), equilibrium(system, dynamics)
+    held, smeared = pushed_in_a_step(system, entry.target, generator.step)
+    noise, rest = measurement_bound(system, generator, entry.target), equilibrium(system, dynamics)
     return Course(
         generator,
         over_x,

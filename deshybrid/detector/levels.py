@@ -105,6 +105,8 @@ def _threshold(system: HybridSystem, generator: ResidualGenerator) -> DetectionT
     stated = None if written is None else written[list(generator.channels)]
     missing = [name for name in ("disturbance", "measurement") if getattr(system.bounds, name) is None]
     ideal = f"; the model states no bound for {' and '.join(missing)}, taken as none" if missing else ""
+    wrong = ", ".join(f"{name} {share:g}" for name, share in system.tolerance.items())
+    ideal += f"; for every plant within the tolerances ({wrong})" if wrong else ""
     if stated is None:
         level = frozen_array(MARGIN * steady + floor(system, generator), (count,))
         reason = f"{MARGIN:g} times the peak gain times the bounds, plus a floor{ideal}"

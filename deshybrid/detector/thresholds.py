@@ -9,6 +9,9 @@ the peak gain (L¹ norm) of the sampled transfer; no smaller bound holds for all
 small; the rest is bounded by the geometric series, and the integrals by the trapezoidal rule plus its error bound, so
 that the result is an upper bound (up to rounding).
 
+Where parameters have tolerances, x' = A x + B u + E w + f + δ with |δ| <= |ΔA| X + |ΔB| U + |Δf| + |ΔE| W: one more
+disturbance, that enters every state, and in the same way a part of the measurement error (`unmodelled`).
+
 In: a `ResidualGenerator` and `Bounds`.  Out: numbers per row of the residual.  Cost: O(m (p + k) k columns)
 with m about 7 time constants over the step.  Source: Desoer and Vidyasagar, Feedback Systems, section 6.4 (peak gain).
 """
@@ -17,7 +20,7 @@ import numpy as np
 
 from deshybrid.detector.residual import ResidualGenerator
 from deshybrid.linear.arrays import FloatArray
-from deshybrid.model.system import Bounds, HybridSystem
+from deshybrid.model.system import HybridSystem, Location
 
 FLOOR = 1e-4  # share of a channel's full scale
 PANELS = 8
@@ -54,17 +57,36 @@ def steady_bound(system: HybridSystem, generator: ResidualGenerator) -> FloatArr
     A measurement bound is meant to contain quantisation.  Where the model states no bound on a disturbance or a
     measurement, the ideal case is taken: `DetectionThreshold.reason` says so.
     """
-    noise = measurement_bound(system.bounds, generator)
+    noise = measurement_bound(system, generator, generator.location)
     bound = (np.abs(generator.J) + absolute_sum(generator.F, generator.H, generator.gain)) @ noise
     if system.bounds.disturbance is not None and system.bounds.disturbance.any():
-        bound = bound + _disturbance_sum(system, generator) @ system.bounds.disturbance
+        bound = bound + _disturbance_sum(system, generator, generator.dynamics.E) @ system.bounds.disturbance
+    moved, _ = unmodelled(system, generator.location)
+    if moved.any():
+        bound = bound + _disturbance_sum(system, generator, np.eye(len(moved))) @ moved
     return np.asarray(bound)
 
 
-def measurement_bound(bounds: Bounds, generator: ResidualGenerator) -> FloatArray:
-    """Return the bound on the measurement error of the location's own channels, (p,); zero where not stated."""
-    index = list(generator.location.output_index)
-    return np.zeros(len(index)) if bounds.measurement is None else bounds.measurement[index]
+def measurement_bound(system: HybridSystem, generator: ResidualGenerator, plant: Location) -> FloatArray:
+    """Return the bound on the error of the generator's channels while the plant is there, (p,); 0 where not stated."""
+    index, stated = list(generator.location.output_index), system.bounds.measurement
+    error = np.zeros(len(system.output_names)) if stated is None else stated.copy()
+    error[list(plant.output_index)] += unmodelled(system, plant)[1]
+    return np.asarray(error[index])
+
+
+def unmodelled(system: HybridSystem, plant: Location) -> tuple[FloatArray, FloatArray]:
+    """Return what wrong parameters add to x' (or to the next x) and to y at most while the plant is there: (n,), (p,).
+
+    Zero where no tolerance is stated.
+    """
+    wrong, bounds = plant.deviation, system.bounds
+    if wrong is None or bounds.state is None:
+        return np.zeros(len(system.state_names)), np.zeros(len(plant.output_index))
+    u = np.zeros(0) if bounds.input is None else bounds.input[list(plant.input_index)]
+    w = np.zeros(wrong.E.shape[1]) if bounds.disturbance is None else bounds.disturbance
+    moved = wrong.A @ bounds.state + wrong.B @ u + wrong.E @ w + wrong.f
+    return np.asarray(moved), np.asarray(wrong.C @ bounds.state + wrong.D @ u + wrong.g)
 
 
 def floor(system: HybridSystem, generator: ResidualGenerator) -> FloatArray:
@@ -85,9 +107,9 @@ def full_scale(system: HybridSystem, generator: ResidualGenerator) -> FloatArray
     return np.where(scale > 0.0, scale, 1.0)[list(generator.channels)]
 
 
-def _disturbance_sum(system: HybridSystem, generator: ResidualGenerator) -> FloatArray:
+def _disturbance_sum(system: HybridSystem, generator: ResidualGenerator, E: FloatArray) -> FloatArray:
     """Return Σ_k ∫ |H F^k T e^{A s} E| ds over a step, shape (q, r); in discrete time Σ_k |H F^k T E|."""
-    A, E, T, step = generator.dynamics.A, generator.dynamics.E, generator.T, generator.step
+    A, T, step = generator.dynamics.A, generator.T, generator.step
     if system.time_step is not None:
         return absolute_sum(generator.F, generator.H, T @ E)
     from scipy.linalg import expm
@@ -125,7 +147,7 @@ def _largest_output(system: HybridSystem, x: FloatArray, u: FloatArray) -> Float
         own, dynamics = list(location.output_index), location.dynamics
         if dynamics is not None:
             here = np.abs(dynamics.C) @ x + np.abs(dynamics.D) @ u[list(location.input_index)] + np.abs(dynamics.g)
-            y[own] = np.maximum(y[own], here)
+            y[own] = np.maximum(y[own], here + unmodelled(system, location)[1])
     return y if system.bounds.measurement is None else y + system.bounds.measurement
 
 
@@ -172,4 +194,5 @@ __all__ = [
     "measurement_bound",
     "settling_ticks",
     "steady_bound",
+    "unmodelled",
 ]

@@ -5,7 +5,9 @@ each reporting all its mistakes together: gather the names, decode the values, t
 Cost: linear in the file, apart from the eigenvalues of covariances.
 """
 
+from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 from deshybrid.model.channels import build_bounds, build_channels
 from deshybrid.model.commands import build_commands
@@ -19,6 +21,7 @@ from deshybrid.model.problems import Problems
 from deshybrid.model.scope import Scope, build_scope
 from deshybrid.model.source import SourceModel
 from deshybrid.model.system import HybridSystem
+from deshybrid.model.tolerances import check_bounds, with_deviations
 from deshybrid.model.transitions import build_transitions
 from deshybrid.model.wishes import build_observer, build_signatures
 
@@ -27,7 +30,7 @@ def elaborate(source: SourceModel) -> HybridSystem:
     """Return the hybrid system of a model file.
 
     Raises `ModelError` with all mistakes found: DH0105, DH0111 to DH0126 (the file's keys and texts), then DH0201 to
-    DH0220 (the model's meaning).
+    DH0222 (the model's meaning).
 
     >>> from deshybrid.model.source import parse_source
     >>> system = elaborate(parse_source('''{format: deshybrid/1, locations: [on, off], transitions: [
@@ -40,6 +43,8 @@ def elaborate(source: SourceModel) -> HybridSystem:
     model = decode(source.tree, MODEL, scope, problems).fields
     problems.raise_all()
     system = _system(model, scope, source, problems)
+    problems.raise_all()
+    system = _with_tolerance(system, model, source, problems)
     problems.raise_all()
     return system
 
@@ -73,6 +78,16 @@ def _system(model: Fields, scope: Scope, source: SourceModel, problems: Problems
         source,
         commands,
     )
+
+
+def _with_tolerance(system: HybridSystem, model: Fields, source: SourceModel, problems: Problems) -> HybridSystem:
+    field = model.get("tolerance")
+    if field is None:
+        return system
+    tolerance = {name: share.number or 0.0 for name, share in field.fields}
+    check_bounds(field.span, system.bounds, system.input_names, problems)
+    locations = with_deviations(system.locations, source.tree, tolerance, problems)
+    return replace(system, locations=locations, tolerance=MappingProxyType(tolerance))
 
 
 def _file_name(source: SourceModel) -> str:

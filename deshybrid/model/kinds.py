@@ -19,6 +19,7 @@ Role: TypeAlias = Literal[
     "command",
     "value",
     "channel",
+    "parameter",
 ]
 
 

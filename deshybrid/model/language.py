@@ -315,6 +315,12 @@ MODEL = Record(
         Key("source", Text(), "where the numbers come from"),
         Key("parameters", Definitions(), "names for numbers, or for arithmetic in the names before"),
         Key(
+            "tolerance",
+            MapOf("parameter", Number(at_least=0.0, at_most=1.0)),
+            "by which share of its value a parameter of the plant may be another; detector thresholds allow for it",
+            needs_state=True,
+        ),
+        Key(
             "time",
             ByForm(
                 scalar=Word(("continuous",)),

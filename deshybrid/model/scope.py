@@ -56,6 +56,7 @@ def build_scope(source: SourceModel, problems: Problems) -> Scope:
         "disturbance": _disturbances(tree, bodies),
         "event": _events(tree.get("transitions")),
         "command": _names(tree.get("commands")),
+        "parameter": _names(tree.get("parameters")),
     }
     return Scope(_parameters(tree.get("parameters"), problems), names, source.folder)
 

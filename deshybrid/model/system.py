@@ -85,6 +85,7 @@ class Location:
     spans: Mapping[str, Span] = field(default_factory=_nothing, repr=False)  # by key: "A", "C", ...
     observed_as: str | None = None  # a location of a coarser model; None: the one of the same name
     noise_form: NoiseForm = NoiseForm()
+    deviation: LinearDynamics | None = None  # the largest |true - nominal| of each entry; None: nothing is stated
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -317,6 +318,7 @@ class HybridSystem(Pictured):
     source_note: str = ""
     source: "SourceModel | None" = field(default=None, repr=False)
     commands: tuple[Command, ...] = ()
+    tolerance: Mapping[str, float] = field(default_factory=_nothing)  # share of its value, by parameter
 
     @property
     def command_names(self) -> tuple[str, ...]:
