@@ -3,8 +3,8 @@
 In: a `Rival`, a strength, samples after the entry.  Out: whether some z(0), disturbance and measurement error within
 their bounds, and some motion of that strength at least, keep every row of the residual within the level at all of these
 samples.  The residuals are affine in these unknowns (`least_residual`); a single sample is often within reach of the
-worst start where no start keeps them all.
-What is known of z(0) is the interval of each H F^k z(0); a disturbance that varies within a step widens the levels.
+worst start where no start keeps them all.  What is known of z(0) is the interval of each H F^k z(0), and of directions
+all around; a disturbance that varies within a step widens the levels.
 
 A "no" counts only where the solver proves it, with levels widened by a millionth.
 Cost: a linear program with k + N (r + p) unknowns for N samples.  Source: this project's.
@@ -90,16 +90,20 @@ def _feasible(
 
 
 def _starts(course: Course, motion: Motion, until: int) -> tuple[FloatArray, FloatArray]:
-    """Rows over (strength, z(0)) and their largest values: the intervals of the first samples."""
-    rows, T = course.over_z[:until].reshape(-1, course.over_z.shape[2]), course.generator.T
+    """Rows over (strength, z(0)) and their largest values: the intervals of the first samples and of the directions."""
+    k, T = course.over_z.shape[2], course.generator.T
+    rows = np.vstack([course.over_z[:until].reshape(-1, k), course.sides])
+    low, high = (
+        np.concatenate([a[:until].ravel(), b]) for a, b in zip(course.carried, course.carried_sides, strict=True)
+    )
     plain = np.hstack([np.zeros((len(rows), 1)), rows])
-    parts, sides = [plain, -plain], [course.carried.high[:until].ravel(), -course.carried.low[:until].ravel()]
-    if course.tracked is not None:
-        begun, rest = rows @ (T @ motion.state), rows @ (T @ course.rest)
-        behind = np.hstack([-begun[:, None], rows])
-        parts += [behind, -behind]
-        sides += [course.tracked.high[:until].ravel() + rest, -course.tracked.low[:until].ravel() - rest]
-    return np.vstack(parts), np.concatenate(sides)
+    parts, ends = [plain, -plain], [high, -low]
+    if course.tracked is not None and course.tracked_sides is not None:
+        both = zip(course.tracked, course.tracked_sides, strict=True)
+        low, high = (np.concatenate([a[:until].ravel(), b]) + rows @ (T @ course.rest) for a, b in both)
+        behind = np.hstack([-(rows @ (T @ motion.state))[:, None], rows])
+        parts, ends = [*parts, behind, -behind], [*ends, high, -low]
+    return np.vstack(parts), np.concatenate(ends)
 
 
 def _rows(course: Course, chosen: list[int]) -> FloatArray:

@@ -18,6 +18,7 @@ Source: this project's.
 """
 
 from collections.abc import Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -26,10 +27,13 @@ from deshybrid.detector.carried_over import Interval, carried_over, pushed_in_a_
 from deshybrid.detector.levels import Part, settling
 from deshybrid.detector.motions import Motion, equilibrium
 from deshybrid.detector.residual import ResidualGenerator
-from deshybrid.detector.thresholds import measurement_bound
+from deshybrid.detector.thresholds import largest_state, measurement_bound
 from deshybrid.detector.together import driven_together
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.system import HybridSystem, Location
+
+DIRECTIONS = 200
+"""In each plane, beside those of the residuals themselves."""
 
 
 class Entry(NamedTuple):
@@ -47,7 +51,7 @@ class Course(NamedTuple):
     offsets add; `heard` (K', q, p) what a measurement error of the sample before adds, `direct` (q, p) one of the same
     sample, `held` (K', q, r) what a disturbance held over the sample before adds and `smeared` (K', q) one that varies
     within it, all at their bounds.  `carried` bounds over_z z(0), `tracked` over_z (z(0) - T x(0)), None where x is
-    reset.
+    reset; `sides` (d, k) are further directions, of which `carried_sides` and `tracked_sides` are the intervals.
     """
 
     generator: ResidualGenerator
@@ -62,6 +66,9 @@ class Course(NamedTuple):
     rest: FloatArray
     carried: Interval
     tracked: Interval | None
+    sides: FloatArray
+    carried_sides: Interval
+    tracked_sides: Interval | None
 
 
 class Rival(NamedTuple):
@@ -96,8 +103,9 @@ def _course(system: HybridSystem, entry: Entry, part: Part, samples: int) -> Cou
     n, k, m = generator.T.shape[1], len(generator.F), len(system.input_names)
     responses = _responses(joint[0] / part.threshold.level[:, None], joint[1], samples)
     over_x, over_z, over_u = responses[:, :, :n], responses[:, :, n : n + k], responses[:, :, n + k : n + k + m]
-    carried = _at_entry(system, entry, generator, over_z, tracked=False)
-    if carried is None:
+    sides = _sides(system, generator)
+    carried, around = (_at_entry(system, entry, generator, rows, tracked=False) for rows in (over_z, sides))
+    if carried is None or around is None:
         return None
     held, smeared = pushed_in_a_step(system, entry.target, generator.step)
     noise, rest = measurement_bound(system, generator, entry.target), equilibrium(system, dynamics)
@@ -114,6 +122,9 @@ def _course(system: HybridSystem, entry: Entry, part: Part, samples: int) -> Cou
         rest,
         carried,
         _at_entry(system, entry, generator, over_z, tracked=True) if entry.keeps else None,
+        sides,
+        around,
+        _at_entry(system, entry, generator, sides, tracked=True) if entry.keeps else None,
     )
 
 
@@ -173,11 +184,33 @@ def own_settled(system: HybridSystem, entry: Entry, part: Part, wanted: Sequence
 def _at_entry(
     system: HybridSystem, entry: Entry, generator: ResidualGenerator, rows: FloatArray, *, tracked: bool
 ) -> Interval | None:
-    """The interval of rows z, shape (samples, q, k), at the entry; of rows (z - T x) where `tracked`."""
+    """The interval of rows z, shape (..., k), at the entry; of rows (z - T x) where `tracked`.
+
+    The former is also that of rows T x and rows (z - T x) together, which is smaller where x is at its bounds.
+    """
     flat = rows.reshape(-1, rows.shape[-1])
-    over_x = -flat @ generator.T if tracked else np.zeros((len(flat), generator.T.shape[1]))
-    found = carried_over(system, generator, entry.source, np.hstack([over_x, flat]))
-    return None if found is None else Interval(*(side.reshape(rows.shape[:2]) for side in found))
+    followed, none = flat @ generator.T, np.zeros((len(flat), generator.T.shape[1]))
+
+    def interval(over_x: FloatArray, over_z: FloatArray) -> Interval | None:
+        return carried_over(system, generator, entry.source, np.hstack([over_x, over_z]))
+
+    behind = interval(-followed, flat)
+    if behind is None or tracked:
+        return None if behind is None else Interval(*(side.reshape(rows.shape[:-1]) for side in behind))
+    whole, state = interval(none, flat), interval(followed, np.zeros_like(flat))
+    if whole is None or state is None:
+        return None
+    low, high = np.maximum(whole.low, state.low + behind.low), np.minimum(whole.high, state.high + behind.high)
+    return Interval(low.reshape(rows.shape[:-1]), high.reshape(rows.shape[:-1]))
+
+
+def _sides(system: HybridSystem, generator: ResidualGenerator) -> FloatArray:
+    """Directions all around in each plane of two components of z, in units of the largest |z|: (d, k)."""
+    box, k = largest_state(system, generator), len(generator.F)
+    turns = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    rows = [np.cos(t) * np.eye(k)[i] + np.sin(t) * np.eye(k)[j] for i, j in combinations(range(k), 2) for t in turns]
+    scale = np.ones(k) if box is None else np.where((box > 0.0) & np.isfinite(box), box, 1.0)
+    return np.asarray(np.array(rows).reshape(-1, k) / scale, dtype=np.float64)
 
 
 def _largest(interval: Interval) -> FloatArray:

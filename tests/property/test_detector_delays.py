@@ -7,7 +7,7 @@ detection seen says how near the bounds are.
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import cache
-from itertools import islice
+from itertools import islice, product
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -186,31 +186,39 @@ def random_run(seed: int, number: int, rng: np.random.Generator) -> Seen | None:
     return run(seed, number, strength, played)
 
 
-RESTING, FREE = 120, 60
+RESTING, FREE = 60, 60
+SMALL, LARGE = ((3.0, -2.0),), ((19.0, 19.0), (-19.0, -19.0), (19.0, -19.0), (-19.0, 19.0))
 
 
 def adversarial_runs(seed: int, number: int, strength: float) -> list[Seen]:
-    """What linear programs find against each rival and against the own generator, after a rest of 6 s.
+    """What linear programs find against each rival and against the own generator, after three seconds without them.
 
-    From the first rest from which there is a run in which the source is named.
+    From near rest, under the first input under which there is a run in which the source is named; and, where the motion
+    is weak, from the corners of the bounds.
     """
+    excitation, found = case(seed)[2][number], []
+    weak = abs(strength) <= strengths(excitation)[0]
+    for states in (SMALL, LARGE) if weak else (SMALL,):
+        for state, swing in product(states, (0.0, 5.0, -5.0)):
+            seen = _attacked(seed, number, strength, np.array(state), swing)
+            found += seen
+            if seen and states is SMALL:
+                break
+    return found
+
+
+def _attacked(seed: int, number: int, strength: float, state: FloatArray, swing: float) -> list[Seen]:
     detector, _, proven = case(seed)
-    excitation = proven[number]
-    for swing in (0.0, 5.0, -5.0):
-        begun = started(detector.system, excitation.source, swing)
-        if begun is None:
-            continue
-        tried = attacks(detector, excitation, scene_of(seed, excitation, strength, begun))
-        played = [run(seed, number, strength, play_of(begun[0].state, swing, signals)) for signals in tried]
-        seen = [one for one in played if one is not None]
-        if seen:
-            return seen
-    return []
+    begun = started(detector.system, proven[number].source, state, swing)
+    if begun is None:
+        return []
+    tried = attacks(detector, proven[number], scene_of(seed, proven[number], strength, begun))
+    played = [run(seed, number, strength, play_of(state, swing, signals)) for signals in tried]
+    return [one for one in played if one is not None]
 
 
-def started(system: HybridSystem, source: str, swing: float) -> list[Sampled] | None:
-    """Six seconds in the source, the input held for the last three; None where a state leaves its bounds."""
-    start = np.random.default_rng(7).uniform(-8, 8, 2)
+def started(system: HybridSystem, source: str, start: FloatArray, swing: float) -> list[Sampled] | None:
+    """Three seconds in the source, the input held for the second half; None where a state leaves its bounds."""
     samples = drive(
         system,
         [(source, 0.0, None)],
