@@ -12,6 +12,7 @@ at t.  Its residual is within its bound from t_c + H on, so t < t_c + H.  Before
 (or in the location that is named, which is then named late); it had been there for a dwell time D >= H, so c' was not
 excluded at the last sample before t_c, which is one of the last H: a contradiction.  At the start H is waited for.
 
+- `imm`: the location of the most likely of interacting filters is named, once it is likely enough (`bank`).
 - `sprt`, `glr`: tests of a white residual (`innovation`, `sequential`) deny and accept a location in place of its
   relay; names are given as by exclusion, with H the time after which what the transient of an entry adds to the mean of
   the residual is half its deviation.  Only locations of the plan are judged, so that a location without a
@@ -25,6 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from deshybrid.detector.bank import Bank
 from deshybrid.detector.levels import Part, settling, worst_mismatch
 from deshybrid.detector.sequential import wald_test, whitening_of, window_limits, window_samples
 from deshybrid.detector.thresholds import settling_ticks
@@ -32,7 +34,7 @@ from deshybrid.diagnostics import UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.system import Decision, HybridSystem
 
-TESTS: tuple[Decision, ...] = ("sprt", "glr")
+TESTS: tuple[Decision, ...] = ("sprt", "glr", "imm")
 FALSE_ALARM = 1e-5  # 1/s: about one a day
 NEGLIGIBLE = 0.5  # of the residual's deviation
 
@@ -50,7 +52,7 @@ class DecisionDesign:
     """How a detector decides; `exclude_ticks` is H in samples, 0 for the relay.
 
     For the tests: `false_alarm` in 1/s per generator, `whitening` (q, q) by generator; `test`, by generator: slope,
-    offset, lower and upper level of `sprt`; `limits` of `glr`, one for each number of samples.
+    offset, lower and upper level of `sprt`; `limits` of `glr`, one for each number of samples; `bank` of `imm`.
     """
 
     kind: Decision
@@ -60,10 +62,11 @@ class DecisionDesign:
     whitening: tuple[FloatArray, ...] = ()
     test: tuple[tuple[float, float, float, float], ...] = ()
     limits: FloatArray | None = None
+    bank: Bank | None = None
 
     @property
     def is_test(self) -> bool:
-        """Whether residuals are tested, so that they have to be white."""
+        """Whether residuals are judged by chance, so that they have to be white and no time to a decision is proven."""
         return self.kind in TESTS
 
 
@@ -104,7 +107,6 @@ def _lacking(system: HybridSystem) -> str:
 
 def judged_locations(system: HybridSystem, plan_generators: tuple[str, ...], kind: Decision) -> tuple[str, ...]:
     """Return the locations that need a generator: exclusion judges all of them, those of the plan come first.
-
     >>> from deshybrid.model.load import load
     >>> judged_locations(load("models/two_tank.yaml"), ("drain",), "exclusion")
     ('drain', 'fill')
@@ -114,7 +116,7 @@ def judged_locations(system: HybridSystem, plan_generators: tuple[str, ...], kin
 
 
 def design_decision(
-    system: HybridSystem, wish: DecisionWish, parts: tuple[Part, ...], *, dwell: float | None
+    system: HybridSystem, wish: DecisionWish, parts: tuple[Part, ...], *, dwell: float | None, bank: Bank | None = None
 ) -> DecisionDesign:
     """Return the decision of a detector with these parts; dwell in seconds, None where the model states none.
 
@@ -123,6 +125,9 @@ def design_decision(
     """
     if wish.kind == "relay" or not parts:
         return DecisionDesign("relay", wish.reason)
+    if bank is not None:
+        why = f"{wish.reason}; probabilities from {bank.confidence:g} on"
+        return DecisionDesign("imm", why, 1, whitening=bank.whitening, bank=bank)
     if wish.kind in TESTS:
         return _test(system, wish, parts)
     lasting = [settling(system, part) for part in parts]

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from deshybrid.des.signatures import SignaturePlan
+from deshybrid.detector.bank import bank_parts, build_bank
 from deshybrid.detector.decision import TESTS, DecisionDesign, design_decision, judged_locations, wanted_decision
 from deshybrid.detector.delays import DetectionDelay, delay_warnings, detection_delays, waiting_window
 from deshybrid.detector.designs import design_generator, white_design
@@ -101,8 +102,11 @@ def build_detector(
     _require_step(system, step)
     dwell = _shortest_stay(system) if dwell is None else dwell
     wish = wanted_decision(system)
-    parts = _parts(system, plan, wish.kind, rate=rate, step=step, dwell=dwell)
-    decision = design_decision(system, wish, parts, dwell=dwell)
+    bank = build_bank(system, step=step) if wish.kind == "imm" and not system.is_discrete and plan.signatures else None
+    parts = (
+        _parts(system, plan, wish.kind, rate=rate, step=step, dwell=dwell) if bank is None else bank_parts(system, bank)
+    )
+    decision = design_decision(system, wish, parts, dwell=dwell, bank=bank)
     kept = (
         parts
         if decision.kind == wish.kind

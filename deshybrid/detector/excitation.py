@@ -216,11 +216,7 @@ def proven_seconds(detector: TransitionDetector, excitation: Excitation, strengt
 def _keeps(system: HybridSystem, ends: Transition) -> bool:
     """Whether no transition from the source to the target changes the state."""
     arcs = (arc for arc in system.transitions if (arc.source, arc.target) == (ends.source, ends.target))
-    return all(
-        arc.reset is None
-        or (not arc.reset.offset.any() and np.array_equal(arc.reset.matrix, np.eye(len(arc.reset.offset))))
-        for arc in arcs
-    )
+    return all(arc.reset is None or arc.reset.changes_nothing for arc in arcs)
 
 
 def _cases(detector: TransitionDetector, pair: Pair, wanted: Sequence[Motion]) -> list[Case]:

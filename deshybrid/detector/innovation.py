@@ -24,8 +24,12 @@ from deshybrid.model.system import HybridSystem, Location
 REGULAR = 1e-9  # share of the measurement's variance that the state is driven by at least, so that P is unique
 
 
-def white_generator(system: HybridSystem, followed: Followed) -> tuple[ResidualGenerator, FloatArray]:
+def white_generator(
+    system: HybridSystem, followed: Followed, *, besides: FloatArray | None = None
+) -> tuple[ResidualGenerator, FloatArray]:
     """Return the generator whose gain makes its residual white, and the residual's covariance S (q, q).
+
+    `besides`: further process noise (n, n), written as that of the model is.
 
     Raises `UsageError` (DH0614) where the model states no measurement noise, or a singular one.
     """
@@ -36,7 +40,11 @@ def white_generator(system: HybridSystem, followed: Followed) -> tuple[ResidualG
     V = _measurement_covariance(system, location)
     k, R, N = len(A), W @ V @ W.T, -followed.Y @ V @ W.T
     drive = REGULAR * float(np.trace(V)) / len(V) * np.eye(k)
-    Q = followed.T @ _process_covariance(system, followed) @ followed.T.T + followed.Y @ V @ followed.Y.T + drive
+    Q = (
+        followed.T @ _process_covariance(system, followed, besides) @ followed.T.T
+        + followed.Y @ V @ followed.Y.T
+        + drive
+    )
     P = solve_discrete_are(A.T, C.T, Q, R, s=N) if k else np.zeros((0, 0))
     S = C @ P @ C.T + R
     gain = np.asarray(np.linalg.solve(S, (A @ P @ C.T + N).T).T, dtype=np.float64)
@@ -57,18 +65,22 @@ def _measurement_covariance(system: HybridSystem, location: Location) -> FloatAr
     return covariance
 
 
-def _process_covariance(system: HybridSystem, followed: Followed) -> FloatArray:
+def _process_covariance(system: HybridSystem, followed: Followed, besides: FloatArray | None) -> FloatArray:
     """The covariance of what noise and disturbance do to the state in a step, (n, n)."""
+    location, dynamics, bound = followed.location, followed.dynamics, system.bounds.disturbance
+    added = np.zeros_like(dynamics.A) if besides is None else _of_a_step(system, followed, besides)
+    if location.process_noise is not None:
+        return added + _of_a_step(system, followed, location.process_noise)
+    if bound is None:
+        return added
+    entering = sampled_dynamics(system, dynamics, followed.step).E
+    return np.asarray(added + entering @ np.diag(bound**2 / 3.0) @ entering.T)
+
+
+def _of_a_step(system: HybridSystem, followed: Followed, noise: FloatArray) -> FloatArray:
     from deshybrid.linear.sampling import sample_covariance
 
-    location, dynamics, bound = followed.location, followed.dynamics, system.bounds.disturbance
-    if location.process_noise is not None:
-        noise = location.process_noise
-        return noise if system.time_step is not None else sample_covariance(dynamics.A, noise, followed.step)
-    if bound is None:
-        return np.zeros_like(dynamics.A)
-    entering = sampled_dynamics(system, dynamics, followed.step).E
-    return np.asarray(entering @ np.diag(bound**2 / 3.0) @ entering.T)
+    return noise if system.time_step is not None else sample_covariance(followed.dynamics.A, noise, followed.step)
 
 
 __all__ = ["white_generator"]

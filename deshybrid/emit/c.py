@@ -23,7 +23,7 @@ from deshybrid.emit.identifiers import (
 from deshybrid.emit.provenance import Provenance, banner, certificate_lines, decision_facts, tracker_fact
 from deshybrid.emit.vectors import Vector, record_vectors
 from deshybrid.observer import reference
-from deshybrid.observer.tables import STATUS_NAMES, StepTables, evidence_size
+from deshybrid.observer.tables import STATUS_NAMES, StepTables, evidence_size, evidence_start
 
 if TYPE_CHECKING:
     pass
@@ -120,11 +120,24 @@ def _context(tables: StepTables, prefix: str, real: Real, origin: Provenance) ->
         "decision": tables.decision.kind,
         "supervised": tables.decision.kind != "relay",
         "evidence": evidence_size(tables),
+        "evidence_start": c_real(evidence_start(tables), real),
+        "bank": _bank(tables, real),
         "exclude_ticks": tables.decision.exclude_ticks,
         "patience_ticks": tables.decision.patience_ticks,
         "largest": c_real(reference.LARGEST, real),
         "entry_rows": [_entry_row(entered, len(tables.location_names)) for entered in rows],
         "vectors": [_vector(vector, rows[vector.entry_estimate], real) for vector in vectors],
+    }
+
+
+def _bank(tables: StepTables, real: Real) -> dict[str, object]:
+    bank = tables.decision.bank
+    if bank is None:
+        return {}
+    return {
+        "power": bank.power,
+        "freedom": c_real(bank.freedom, real),
+        "confidence": c_real(bank.confidence, real),
     }
 
 

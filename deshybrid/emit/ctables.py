@@ -17,7 +17,7 @@ from deshybrid.observer.tables import StepTables, evidence_size, plain_tables
 Real = Literal["double", "float"]
 _SIZES = {"double": 8, "float": 4, "uint32_t": 4, "int32_t": 4, "uint16_t": 2, "int16_t": 2, "uint8_t": 1}
 _LINE = 110
-_TESTS = ("sprt", "glr")
+_TESTS = ("sprt", "glr", "imm")
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +122,10 @@ def cost(tables: StepTables, printed: Iterable[Table], real: Real) -> Cost:
 
 def _decision_cost(tables: StepTables, p: int) -> tuple[int, int]:
     """Multiplications and additions that the decision takes per generator, the residual's subtractions included."""
-    samples = len(tables.decision.limits)
+    samples, bank = len(tables.decision.limits), tables.decision.bank
+    if bank is not None:  # divisions count as multiplications
+        filters, k = len(bank.owner), tables.generators.order
+        return p * p + p + bank.power + 3 + filters * (2 + k), p * p + p + 2 + filters * (2 + k)
     return {"sprt": (p * p + p + 1, p * p + 2 * p + 1), "glr": (p * p + samples * p, p * p + (2 * samples) * p)}.get(
         tables.decision.kind, (p, p)
     )
@@ -175,7 +178,7 @@ def _generator_numbers(plain: dict[str, Any]) -> _Rows:
 
 
 def _decision_numbers(plain: dict[str, Any]) -> _Rows:
-    """What `sprt` and `glr` add."""
+    """What tests and interacting filters add."""
     kind, generators = plain["decision"], plain["generators"]
     if kind in _TESTS:
         rows = _joined(generator["whitening"] for generator in generators)
@@ -184,6 +187,9 @@ def _decision_numbers(plain: dict[str, Any]) -> _Rows:
     if kind == "sprt":
         rows = [generator["test"] for generator in generators]
         yield "generator_test", "by generator: slope, offset, lower and upper level", rows
+    if kind == "imm":
+        yield "filter_chain", "to filter, from filter: the chance of a step", plain["chain"]
+        yield "filter_share", "by filter: height of its density", [plain["share"]]
     if kind == "glr":
         yield "test_limits", "by number of samples less one: limit of the square of their sum", [plain["limits"]]
 
@@ -192,6 +198,8 @@ def _ticks(plain: dict[str, Any]) -> _Rows:
     generators = plain["generators"]
     yield "generator_on_ticks", "by generator: steps until it becomes active", [[g["on_ticks"] for g in generators]]
     yield "generator_off_ticks", "by generator: steps until it becomes inactive", [[g["off_ticks"] for g in generators]]
+    if plain["decision"] == "imm":
+        yield "filter_owner", "by filter: the generator of its location", [plain["owner"]]
     if plain["decision"] != "relay":
         yield "location_own", "by location: its generator, -1 = none", [plain["own"]]
 

@@ -57,6 +57,7 @@ def tracker_fact(tables: "StepTables") -> str:
 _DECISIONS = {
     "exclusion": "a location is named once the residuals of all alternatives are beyond what their bounds allow",
     "sprt": "sequential probability ratio tests of the residuals",
+    "imm": "interacting filters, the most likely of which names its location",
     "glr": "generalised likelihood ratio tests of the residuals over {samples} samples",
 }
 

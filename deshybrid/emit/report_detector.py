@@ -41,7 +41,7 @@ def signature_designs(detector: "TransitionDetector") -> tuple[SignatureDesign, 
 
 
 def _residual(detector: "TransitionDetector", signature: "Signature") -> str:
-    if signature.by == "negation":
+    if detector.decision.kind != "imm" and signature.by == "negation":
         return "none of its own: a negation of the residuals of the alternatives"
     return next(g.design for g in detector.generators if g.location.name == signature.location)
 
@@ -51,6 +51,8 @@ def _decision(detector: "TransitionDetector", signature: "Signature") -> str:
     long = seconds(design.exclude_ticks * step)
     if design.kind == "exclusion":
         return f"exclusion: every alternative beyond its bound for {long}"
+    if design.bank is not None:
+        return f"interacting filters: a probability of {number(design.bank.confidence)} at least"
     if design.kind in _TESTS:
         rate = f"{number(design.false_alarm)} false alarms a second"
         return f"{_TESTS[design.kind]} ({design.kind}, {rate}): every alternative denied for {long}"

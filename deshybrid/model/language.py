@@ -173,10 +173,22 @@ DETECTOR = Record(
         Key("debounce", _NOT_NEGATIVE, "how long a residual must stay low, in seconds"),
         Key(
             "decision",
-            Word(("relay", "exclusion", "sprt", "glr")),
+            Word(("relay", "exclusion", "sprt", "glr", "imm")),
             "how residuals become decisions; where not written, exclusion if the bounds make it possible",
         ),
         Key("false_alarm", _POSITIVE, "false alarms that a test may give in a second for each generator, 1/s"),
+        Key(
+            "confidence",
+            Number(at_least=0.5, at_most=1.0 - 1e-6),
+            "probability from which interacting filters (`imm`) name a location",
+        ),
+        Key("stay", MapOf("location", _POSITIVE), "mean stay for `imm`, in seconds"),
+        Key(
+            "entry",
+            MapOf("location", Matrix("n", "n")),
+            "process noise (n, n) that `imm` adds after an entry into the location",
+        ),
+        Key("entry_time", _POSITIVE, "how long the noise of an entry lasts in the mean, in seconds"),
         Key("window", _POSITIVE, "how long a signature is waited for after an output, in seconds"),
         Key(
             "design",

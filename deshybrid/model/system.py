@@ -18,7 +18,7 @@ from deshybrid.model.predicates import Predicate
 if TYPE_CHECKING:
     from deshybrid.model.source import SourceModel
 
-Decision: TypeAlias = Literal["relay", "exclusion", "sprt", "glr"]
+Decision: TypeAlias = Literal["relay", "exclusion", "sprt", "glr", "imm"]
 GeneratorDesign: TypeAlias = Literal["luenberger", "unknown_input", "h2", "auto"]
 
 
@@ -94,6 +94,12 @@ class AffineReset:
 
     matrix: FloatArray
     offset: FloatArray
+
+    @property
+    def changes_nothing(self) -> bool:
+        """Whether the state stays as it is."""
+        rows = enumerate(self.matrix.tolist())
+        return not self.offset.any() and all(value == (i == j) for i, row in rows for j, value in enumerate(row))
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +178,8 @@ class DetectorOptions:
     `design`: how residual generators are made (None: poles placed, or white for tests); `decouple`: the disturbances
     that they must not see (None: as many as can be), for the designs `unknown_input` and `auto`; `delay`: seconds by
     which each output of the system is measured late, (p,).
+    Of interacting filters: `confidence`, the probability from which a location is named; `stay`, the mean stay per
+    location (s); `entry`, the process noise (n, n) that is added after an entry, and `entry_time`, for how long (s).
     """
 
     poles: Mapping[str, tuple[complex, ...]] = field(default_factory=_nothing)
@@ -184,6 +192,10 @@ class DetectorOptions:
     decouple: tuple[str, ...] | None = None
     delay: FloatArray | None = None
     false_alarm: float | None = None
+    confidence: float | None = None
+    stay: Mapping[str, float] = field(default_factory=_nothing)
+    entry: Mapping[str, FloatArray] = field(default_factory=_nothing)
+    entry_time: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,6 +11,7 @@ from typing import Literal, get_args
 from deshybrid.diagnostics import diagnostic
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.channels import Channels, per_channel
+from deshybrid.model.covariances import covariance
 from deshybrid.model.fields import Field, Fields
 from deshybrid.model.problems import Problems
 from deshybrid.model.shapes import Expected, checked, count
@@ -65,7 +66,7 @@ def _detector_of_several(name: str, field: Field) -> CoveringDetector:
 def build_observer(
     model: Fields, channels: Channels, locations: tuple[Location, ...], problems: Problems
 ) -> ObserverOptions:
-    """Return what the file asks of the observer; reports DH0203, DH0211, DH0214 and DH0219."""
+    """Return what the file asks of the observer; reports DH0203, DH0210, DH0211, DH0214 and DH0219."""
     written = model.fields("observer")
     state = Expected("start", "initial_state", "the observer", channels.state())
     both = [name for name, _ in written.fields("gains") if written.fields("poles").get(name) is not None]
@@ -124,7 +125,24 @@ def _detector(
         None if written.get("decouple") is None else tuple(item.text or "" for item in written.items("decouple")),
         per_channel(written.get("delay"), channels.outputs, "the delay", problems),
         written.number("false_alarm"),
+        written.number("confidence"),
+        _stays(written.fields("stay")),
+        _entries(written.fields("entry"), channels, problems),
+        written.number("entry_time"),
     )
+
+
+def _stays(written: Fields) -> Mapping[str, float]:
+    return MappingProxyType({name: field.number for name, field in written if field.number is not None})
+
+
+def _entries(written: Fields, channels: Channels, problems: Problems) -> Mapping[str, FloatArray]:
+    extent, found = channels.state(), {}
+    for name, field in written:
+        noise = covariance(field, f"noise after an entry into `{name}`", extent, problems)
+        if noise is not None:
+            found[name] = noise
+    return MappingProxyType(found)
 
 
 def _thresholds(

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from deshybrid.continuous.gains import ObserverGains
+from deshybrid.detector.bank import Bank
 from deshybrid.detector.detector import TransitionDetector
 from deshybrid.detector.held_back import realised
 from deshybrid.detector.residual import ResidualGenerator, sampled_dynamics
@@ -19,7 +20,7 @@ from deshybrid.diagnostics import Diagnostic, GainError, ModelError, diagnostic,
 from deshybrid.linear.arrays import FloatArray, frozen_array
 from deshybrid.linear.dynamics import LinearDynamics
 from deshybrid.model.system import AffineReset, HybridSystem, HybridTransition, Location
-from deshybrid.observer.tables import DecisionTables, FlowTables, GeneratorTables
+from deshybrid.observer.tables import BankTables, DecisionTables, FlowTables, GeneratorTables
 
 ROUNDING = 1e-9
 """Eigenvalues of a sampled matrix are right to this share."""
@@ -89,10 +90,11 @@ def _growth(location: Location, matrix: FloatArray, step: float, kept: float) ->
 
 def fill_generators(system: HybridSystem, detector: TransitionDetector | None) -> GeneratorTables:
     """Return the residual generators of a detector, each filled up with zeros to the largest order, (G, k, ...)."""
-    generators = () if detector is None else tuple(realised(generator) for generator in detector.generators)
-    thresholds = () if detector is None else detector.thresholds
+    made, places = _running(detector)
+    generators = tuple(realised(generator) for generator in made)
+    levels = [] if detector is None else [detector.thresholds[place].level for place in places]
     k = max((len(generator.F) for generator in generators), default=0)
-    parts = [_spread(system, g, t.level, k) for g, t in zip(generators, thresholds, strict=True)]
+    parts = [_spread(system, generator, level, k) for generator, level in zip(generators, levels, strict=True)]
     count, (_, m, p) = len(parts), _sizes(system)
     names = [location.name for location in system.locations]
 
@@ -113,9 +115,19 @@ def fill_generators(system: HybridSystem, detector: TransitionDetector | None) -
         residual_offset=stack("residual_offset", p),
         weight=stack("weight", p),
         release=frozen_array(np.full(count, detector.release if detector else 1.0), (count,)),
-        on_ticks=detector.on_ticks if detector else (),
-        off_ticks=detector.off_ticks if detector else (),
+        on_ticks=tuple(detector.on_ticks[place] for place in places) if detector else (),
+        off_ticks=tuple(detector.off_ticks[place] for place in places) if detector else (),
     )
+
+
+def _running(detector: TransitionDetector | None) -> tuple[tuple[ResidualGenerator, ...], Sequence[int]]:
+    """The generators that run, and which of the detector's each stands for: interacting filters have some besides."""
+    if detector is None:
+        return (), ()
+    bank = detector.decision.bank
+    if bank is None:
+        return detector.generators, range(len(detector.generators))
+    return bank.generators, bank.owner
 
 
 def _spread(system: HybridSystem, generator: ResidualGenerator, level: FloatArray, size: int) -> dict[str, FloatArray]:
@@ -152,8 +164,9 @@ def fill_decision(system: HybridSystem, detector: TransitionDetector | None) -> 
     if detector is None or detector.decision.kind == "relay":
         return DecisionTables()
     design, p = detector.decision, len(system.output_names)
-    whitening = np.zeros((len(detector.generators), p, p))
-    for g, (generator, white) in enumerate(zip(detector.generators, design.whitening, strict=False)):
+    made, _ = _running(detector)
+    whitening = np.zeros((len(made), p, p))
+    for g, (generator, white) in enumerate(zip(made, design.whitening, strict=False)):
         rows = [generator.location.output_index[channel] for channel in generator.channels]
         whitening[g] = _placed(white, (p, p), rows, rows)
     return DecisionTables(
@@ -163,7 +176,12 @@ def fill_decision(system: HybridSystem, detector: TransitionDetector | None) -> 
         whitening=frozen_array(whitening, whitening.shape),
         test=frozen_array(np.array(design.test).reshape((len(design.test), 4)), (len(design.test), 4)),
         limits=np.zeros(0) if design.limits is None else design.limits,
+        bank=None if design.bank is None else _bank_tables(design.bank),
     )
+
+
+def _bank_tables(bank: Bank) -> BankTables:
+    return BankTables(bank.owner, bank.chain, bank.share, bank.power, float(bank.freedom), bank.confidence)
 
 
 def fill_resets(
@@ -188,7 +206,7 @@ def fill_resets(
     resets: list[AffineReset] = []
     for (source, target), transition in first.items():
         reset = transition.reset
-        if reset is not None and not _same(reset, AffineReset(np.eye(n), np.zeros(n))):
+        if reset is not None and not reset.changes_nothing:
             index[source][target] = len(resets)
             resets.append(reset)
     matrices = np.array([reset.matrix for reset in resets]).reshape((len(resets), n, n))

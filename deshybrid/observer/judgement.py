@@ -6,6 +6,7 @@ decide about it, and the levels they are compared with:
   second level in one of them it goes off;
 - `sprt`: the log-likelihood ratio of "not this location" to "this one", before a decision begins it again; accepted at
   the first level or below, denied at the second or above;
+- `imm`: the probability of the location; named at the second level or above, doubted below the first;
 - `glr`: the largest log of the generalised likelihood ratio; the location is denied while it is above the level.
 
 They are computed from what the step keeps, by its own functions, so that they are what was decided by.
@@ -18,6 +19,7 @@ from deshybrid.observer import reference
 from deshybrid.observer.reference import Numbers, State, Tables
 
 LIKELIHOOD = "log-likelihood ratio"
+PROBABILITY = "probability"
 
 
 class Scale(NamedTuple):
@@ -33,6 +35,8 @@ def scales(tables: Tables, outputs: tuple[str, ...]) -> tuple[Scale, ...]:
     for generator in tables["generators"]:
         if tables["decision"] == "glr":
             found.append(Scale((LIKELIHOOD,), (tables["limits"][0] / 2.0,)))
+        elif tables["decision"] == "imm":
+            found.append(Scale((PROBABILITY,), (0.5, tables["confidence"])))
         elif tables["decision"] == "sprt":
             found.append(Scale((LIKELIHOOD,), tuple(generator["test"][2:])))
         else:
@@ -50,6 +54,8 @@ def judged(tables: Tables, before: State, after: State) -> tuple[Numbers, ...]:
         residual = reference.residuals(generator, after.z[g], *after.sample)
         if tables["decision"] == "glr":
             found.append((_shift(tables["limits"], after.evidence[g], len(residual)),))
+        elif tables["decision"] == "imm":
+            found.append((reference.likelihood(tables, tables["owner"][g], after.evidence),))
         elif tables["decision"] == "sprt":
             slope, offset, _, _ = generator["test"]
             white = reference.affine(generator["whitening"], generator["unbiased"], residual)
@@ -75,4 +81,4 @@ def _shift(limits: Numbers, recent: Numbers, width: int) -> float:
     return largest * limits[0] / 2.0
 
 
-__all__ = ["LIKELIHOOD", "Scale", "judged", "scales"]
+__all__ = ["LIKELIHOOD", "PROBABILITY", "Scale", "judged", "scales"]

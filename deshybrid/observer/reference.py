@@ -135,10 +135,43 @@ def advance(tables: Tables, state: State) -> State:
     for generator, value in zip(tables["generators"], state.z, strict=True):
         advanced = affine(generator["rows"], generator["offset"], value + sample_input + sample_output)
         z.append(advanced if is_within(advanced) else start_generator(generator, sample_output))
+    if tables["decision"] == "imm":
+        z, evidence = interact(tables["chain"], z, state.evidence)
+        state = state._replace(evidence=evidence)
     x = state.x
     if state.flow >= 0:
         x = affine(tables["flow_rows"][state.flow], tables["flow_offset"][state.flow], x + sample_input + sample_output)
     return state._replace(z=tuple(z), x=x if is_within(x) else tables["start"])
+
+
+def interact(
+    chain: tuple[Numbers, ...], z: list[Numbers], evidence: tuple[Numbers, ...]
+) -> tuple[list[Numbers], tuple[Numbers, ...]]:
+    """Predict the probabilities of interacting filters, and start each from the mean of those it may come from."""
+    mixed, predicted = [], []
+    for own, row in zip(z, chain, strict=True):
+        joint = [chance * before[0] for chance, before in zip(row, evidence, strict=True)]
+        total = summed(joint)
+        predicted.append((total,))
+        mixed.append(mean(joint, total, z) if total > 0.0 else own)
+    return mixed, tuple(predicted)
+
+
+def mean(joint: list[float], total: float, z: list[Numbers]) -> Numbers:
+    """Return the mean of vectors with these weights, which sum to `total`."""
+    weights = [part / total for part in joint]
+    return tuple(
+        summed([weight * value for weight, value in zip(weights, column, strict=True)])
+        for column in zip(*z, strict=True)
+    )
+
+
+def summed(terms: Numbers | list[float]) -> float:
+    """Return the sum from left to right."""
+    total = terms[0]
+    for term in terms[1:]:
+        total = total + term
+    return total
 
 
 def start_generator(generator: Tables, sample_output: Numbers) -> Numbers:
@@ -151,11 +184,10 @@ def decide(tables: Tables, state: State, sample_input: Numbers, sample_output: N
     generators, z = tables["generators"], state.z
     if state.sample is None:
         z = tuple(start_generator(generator, sample_output) for generator in generators)
-    relay, debounce, active = list(state.relay), list(state.debounce), list(state.active)
-    away, evidence = list(state.away), list(state.evidence)
+    found = [residuals(made, own, sample_input, sample_output) for made, own in zip(generators, z, strict=True)]
+    relay, evidence = judge(tables, state, found)
+    debounce, active, away = list(state.debounce), list(state.active), list(state.away)
     for g, generator in enumerate(generators):
-        residual = residuals(generator, z[g], sample_input, sample_output)
-        relay[g], evidence[g] = judge(tables, generator, residual, relay[g], evidence[g])
         debounce[g] = debounce[g] + 1 if relay[g] != active[g] else 0
         if debounce[g] >= (generator["on_ticks"] if relay[g] else generator["off_ticks"]):
             active[g], debounce[g] = relay[g], 0
@@ -163,11 +195,11 @@ def decide(tables: Tables, state: State, sample_input: Numbers, sample_output: N
     return state._replace(
         sample=(sample_input, sample_output),
         z=z,
-        relay=tuple(relay),
+        relay=relay,
         debounce=tuple(debounce),
         active=tuple(active),
         away=tuple(away),
-        evidence=tuple(evidence),
+        evidence=evidence,
     )
 
 
@@ -176,13 +208,22 @@ def residuals(generator: Tables, z: Numbers, sample_input: Numbers, sample_outpu
     return affine(generator["residual_rows"], generator["residual_offset"], z + sample_input + sample_output)
 
 
-def judge(tables: Tables, generator: Tables, residual: Numbers, on: bool, evidence: Numbers) -> tuple[bool, Numbers]:
-    """Return whether the relay is on after this sample, and the evidence of a test."""
-    if tables["decision"] == "sprt":
-        return weigh_sequence(tables, generator, residual, on, evidence)
-    if tables["decision"] == "glr":
-        return weigh_window(tables["limits"], generator, residual, evidence)
-    return is_quiet(generator, residual, on), evidence
+def judge(tables: Tables, state: State, found: list[Numbers]) -> tuple[Flags, tuple[Numbers, ...]]:
+    """Return by generator whether its relay is on after these residuals, and what has been gathered since."""
+    if tables["decision"] == "imm":
+        evidence = weigh_filters(tables, found, state.evidence)
+        levels = [0.5 if on else tables["confidence"] for on in state.relay]
+        owners = enumerate(tables["owner"])
+        return tuple(o == g and likelihood(tables, g, evidence) >= levels[g] for g, o in owners), evidence
+    judged = []
+    for generator, residual, on, gathered in zip(tables["generators"], found, state.relay, state.evidence, strict=True):
+        if tables["decision"] == "sprt":
+            judged.append(weigh_sequence(tables, generator, residual, on, gathered))
+        elif tables["decision"] == "glr":
+            judged.append(weigh_window(tables["limits"], generator, residual, gathered))
+        else:
+            judged.append((is_quiet(generator, residual, on), gathered))
+    return tuple(on for on, _ in judged), tuple(gathered for _, gathered in judged)
 
 
 def is_quiet(generator: Tables, residual: Numbers, on: bool) -> bool:
@@ -197,10 +238,7 @@ def is_quiet(generator: Tables, residual: Numbers, on: bool) -> bool:
 
 def square(vector: Numbers) -> float:
     """Return |vector|²."""
-    total = vector[0] * vector[0]
-    for value in vector[1:]:
-        total = total + value * value
-    return total
+    return summed([value * value for value in vector])
 
 
 def weigh_sequence(
@@ -224,6 +262,24 @@ def weigh_window(limits: Numbers, generator: Tables, residual: Numbers, evidence
         total = tuple(first + second for first, second in zip(total, latest, strict=True))
         quiet = quiet and square(total) <= limit
     return bool(quiet), recent
+
+
+def weigh_filters(tables: Tables, found: list[Numbers], evidence: tuple[Numbers, ...]) -> tuple[Numbers, ...]:
+    """Return the probabilities of interacting filters after a sample, each by Student's density of its residual."""
+    weights: list[float] = []
+    for generator, share, residual, before in zip(tables["generators"], tables["share"], found, evidence, strict=True):
+        ratio = 1.0 + square(affine(generator["whitening"], generator["unbiased"], residual)) / tables["freedom"]
+        power = ratio
+        for _ in range(tables["power"] - 1):
+            power = power * ratio
+        weights.append(share * before[0] / power)
+    total = summed(weights)
+    return tuple((weight / total,) for weight in weights) if total > 0.0 else evidence
+
+
+def likelihood(tables: Tables, location: int, evidence: tuple[Numbers, ...]) -> float:
+    """Return the probability of a location: of all its filters together."""
+    return summed([mu for owner, (mu,) in zip(tables["owner"], evidence, strict=True) if owner == location])
 
 
 def track(tables: Tables, state: State, event: int, before: Flags) -> tuple[State, int, bool]:

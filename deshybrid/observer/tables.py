@@ -54,6 +54,12 @@ Tests: ν = whitening r is white with unit covariance in the own location.  `spr
 `upper` or above the relay goes off, at `lower` or below it goes on, both put the sum back to 0.  `glr`: with S_N = the
 sum of the last N values of ν (0 before the first), the relay is on while |S_N|² <= limits[N - 1] for every N.
 
+`imm`: the generators are interacting filters, μ_g their probabilities, 1/G each at the start.  In step 1, after the z
+have advanced: c_j := Σ_i chain[j][i] μ_i, every z_j := Σ_i (chain[j][i] μ_i / c_j) z_i (it stays where c_j = 0), then
+μ := c.  In step 2, unless the sum of all is 0 or no number: w_j = share_j μ_j / (1 + |ν_j|²/freedom)^power,
+μ_j := w_j / Σ w.  The relay of a location is on while the sum of the μ of its generators is at least `confidence` to
+switch on, ½ to stay on; generators beyond the first of a location have none.
+
 Arithmetic: every component is one sum from left to right that starts from its first product: the products with z (or x)
 in order of the columns, then those with u, then those with y, then the offset.
 """
@@ -125,12 +131,28 @@ def _none() -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class BankTables:
+    """Interacting filters: what `imm` has beside generators and whitening.
+
+    `owner` (G): by generator the number of its location among the first generators, which are one for each; `chain`
+    (G, G): to, from; `share` (G,); `power`, `freedom`: m and ν; `confidence`: from which a location is named.
+    """
+
+    owner: tuple[int, ...]
+    chain: FloatArray
+    share: FloatArray
+    power: int
+    freedom: float
+    confidence: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class DecisionTables:
     """How residuals become decisions; for the `relay` all but `kind` is empty.
 
     1 <= `exclude_ticks` <= `window_ticks` < `patience_ticks`.  For the tests, whitening
     (G, p, p), zero where the location does not measure a channel; `test` (G, 4): slope, offset, lower, upper of `sprt`;
-    `limits` (W,) of `glr`, one for each number of samples.
+    `limits` (W,) of `glr`, one for each number of samples; `bank` of `imm`.
     """
 
     kind: Decision = "relay"
@@ -139,6 +161,7 @@ class DecisionTables:
     whitening: FloatArray = field(default_factory=_none)
     test: FloatArray = field(default_factory=_none)
     limits: FloatArray = field(default_factory=_none)
+    bank: BankTables | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,7 +230,8 @@ def plain_tables(tables: StepTables) -> dict[str, object]:
         "exclude_ticks": decision.exclude_ticks,
         "patience": decision.patience_ticks,
         "limits": _plain(decision.limits) if decision.kind == "glr" else (),
-        "evidence": (0.0,) * evidence_size(tables),
+        **_plain_bank(decision.bank),
+        "evidence": (evidence_start(tables),) * evidence_size(tables),
         "own": tuple(own.index(i) if i in own else -1 for i in range(len(tables.location_names))),
         "initial": tables.initial,
         "restart": tables.restart,
@@ -228,13 +252,35 @@ def plain_tables(tables: StepTables) -> dict[str, object]:
 
 
 def evidence_size(tables: StepTables) -> int:
-    """Return how many numbers the decision remembers per generator: the sum of `sprt`, the window of `glr`."""
-    return {"sprt": 1, "glr": len(tables.decision.limits) * len(tables.output_names)}.get(tables.decision.kind, 0)
+    """Return how many numbers the decision remembers per generator.
+
+    The sum of `sprt`, the window of `glr`, the probability of `imm`.
+    """
+    window = len(tables.decision.limits) * len(tables.output_names)
+    return {"sprt": 1, "glr": window, "imm": 1}.get(tables.decision.kind, 0)
+
+
+def evidence_start(tables: StepTables) -> float:
+    """Return what these numbers are before the first sample."""
+    return 0.0 if tables.decision.bank is None else 1.0 / len(tables.generators.locations)
+
+
+def _plain_bank(bank: BankTables | None) -> dict[str, object]:
+    if bank is None:
+        return {}
+    return {
+        "owner": bank.owner,
+        "chain": _plain(bank.chain),
+        "share": _plain(bank.share),
+        "power": bank.power,
+        "freedom": bank.freedom,
+        "confidence": bank.confidence,
+    }
 
 
 def _plain_generator(tables: StepTables, g: int) -> dict[str, object]:
     generators, decision = tables.generators, tables.decision
-    tested = decision.kind in ("sprt", "glr")
+    tested = decision.kind in ("sprt", "glr", "imm")
     rows = np.concatenate((generators.matrix[g], generators.input[g], generators.output[g]), axis=1)
     parts = (generators.residual_state[g], generators.residual_input[g], generators.residual_output[g])
     return {

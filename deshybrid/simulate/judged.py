@@ -58,6 +58,7 @@ def replay_judged(observer: HybridObserver, trace: Trace) -> tuple[EstimateTrace
             tuple(flags[g] for flags in active),
         )
         for g, location in enumerate(observer.tables.generators.locations)
+        if observer.tables.generators.locations.index(location) == g  # the others of `imm` are judged with their first
     )
 
 

@@ -11,6 +11,7 @@ from deshybrid.model.abstraction import discrete_model
 from deshybrid.model.system import Decision
 from deshybrid.observer.hybrid import command_needs
 from deshybrid.observer.tables import (
+    BankTables,
     Candidate,
     DecisionTables,
     FlowTables,
@@ -93,8 +94,18 @@ def with_decision(tables: StepTables, kind: Decision, seed: int) -> StepTables:
         whitening=whitening,
         test=np.array(levels),
         limits=np.array([2.0 * (n + 1) * (0.5 + draw.random()) for n in range(1 + draw.randrange(4))]),
+        bank=_bank(draw, tables) if kind == "imm" else None,
     )
     return replace(tables, decision=decision)
+
+
+def _bank(draw: random.Random, tables: StepTables) -> BankTables:
+    """Interacting filters that change their minds; of three or more the last is the first location's second."""
+    count = len(tables.generators.locations)
+    chain = np.array([[draw.random() ** 3 + 4.0 * (i == j) for i in range(count)] for j in range(count)])
+    owner = (*range(count - 1), 0 if count > 2 else count - 1)
+    share = np.array([0.5 + 0.5 * draw.random() for _ in range(count)])
+    return BankTables(owner, chain / chain.sum(axis=0), share, 2 + draw.randrange(3), 4.0, 0.6)
 
 
 def _numbers(

@@ -15,7 +15,7 @@ from deshybrid.emit.vectors import record_vectors
 from deshybrid.model.system import Decision
 from deshybrid.observer.tables import STATUS_NAMES, StepTables
 
-DECISIONS: tuple[Decision, ...] = ("exclusion", "sprt", "glr")
+DECISIONS: tuple[Decision, ...] = ("exclusion", "sprt", "glr", "imm")
 needs_compiler = pytest.mark.skipif(bool(harness.missing_compiler()), reason=harness.missing_compiler() or "present")
 
 
