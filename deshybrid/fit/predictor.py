@@ -22,7 +22,8 @@ from deshybrid.linear.dynamics import LinearDynamics
 from deshybrid.linear.sampling import flow_and_integral, sample_covariance, sample_dynamics
 
 UNKNOWN = 100.0  # by which the start's standard deviation exceeds the size of a state
-_SETTLED = 1e-9  # relative change of gain and whitening from one sample to the next, below which they stay
+_SETTLED = 1e-9  # relative change of gain and covariance from one sample to the next, below which they stay
+_LOOK = 8  # samples between two looks at that
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,20 +100,19 @@ def _riccati(
 ) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
     """The gains and whitening matrices of the first samples, up to the one from which on they stay."""
     gains: list[FloatArray] = []
-    whitening: list[FloatArray] = []
-    identity = np.eye(len(A))
-    for _ in range(samples):
-        white = np.linalg.inv(np.linalg.cholesky(C @ P @ C.T + R))
-        K = P @ C.T @ white.T @ white
-        keep = identity - K @ C
-        after = A @ (keep @ P @ keep.T + K @ R @ K.T) @ A.T + Q
-        P = 0.5 * (after + after.T)
-        settled = bool(gains) and _same(A @ K, gains[-1]) and _same(white, whitening[-1])
-        gains.append(A @ K)
-        whitening.append(white)
-        if settled:
+    covariances: list[FloatArray] = []
+    for sample in range(samples):
+        shown = C @ P
+        S = shown @ C.T + R
+        gain = A @ np.linalg.solve(S, shown).T
+        flow = A - gain @ C
+        P = flow @ P @ flow.T + gain @ R @ gain.T + Q
+        P = 0.5 * (P + P.T)
+        gains.append(gain)
+        covariances.append(S)
+        if sample % _LOOK == _LOOK - 1 and _same(gain, gains[-2]) and _same(S, covariances[-2]):
             break
-    return tuple(gains), tuple(whitening)
+    return tuple(gains), tuple(np.linalg.inv(np.linalg.cholesky(np.array(covariances))))
 
 
 def _same(matrix: FloatArray, before: FloatArray) -> bool:
