@@ -51,8 +51,9 @@ class DecisionWish(NamedTuple):
 class DecisionDesign:
     """How a detector decides; `exclude_ticks` is H in samples, 0 for the relay.
 
-    For the tests: `false_alarm` in 1/s per generator, `whitening` (q, q) by generator; `test`, by generator: slope,
-    offset, lower and upper level of `sprt`; `limits` of `glr`, one for each number of samples; `bank` of `imm`.
+    `false_alarm` in 1/s per generator, 0 where nothing is demanded.  For the tests: `whitening` (q, q) by generator;
+    `test`, by generator: slope, offset, lower and upper level of `sprt`; `limits` of `glr`, one for each number of
+    samples; `bank` of `imm`.
     """
 
     kind: Decision
@@ -124,9 +125,9 @@ def design_decision(
     `reason` says why.  Raises `UsageError` (DH0614) where the model states a decision that cannot be had.
     """
     if wish.kind == "relay" or not parts:
-        return DecisionDesign("relay", wish.reason)
+        return _relay(system, wish.reason)
     if bank is not None:
-        why = f"{wish.reason}; probabilities from {bank.confidence:g} on"
+        why = f"{wish.reason}; probabilities from {bank.confidence:g} on" + _if_right(system)
         return DecisionDesign("imm", why, 1, whitening=bank.whitening, bank=bank)
     if wish.kind in TESTS:
         return _test(system, wish, parts)
@@ -136,12 +137,27 @@ def design_decision(
         why = f"nothing bounds how long the residual of `{endless[0]}` takes to settle"
         if wish.stated:
             raise _impossible(wish.kind, why)
-        return DecisionDesign("relay", f"{why}, so no location can be excluded")
+        return _relay(system, f"{why}, so no location can be excluded")
     ticks = max((0 if last is None else last) + part.on_ticks for part, last in zip(parts, lasting, strict=True))
     seconds = ticks * parts[0].generator.step
     if not wish.stated and dwell is not None and seconds > dwell:
-        return DecisionDesign("relay", f"an exclusion would take {seconds:.3g} s, longer than a stay of {dwell:.3g} s")
+        return _relay(system, f"an exclusion would take {seconds:.3g} s, longer than a stay of {dwell:.3g} s")
     return DecisionDesign("exclusion", f"{wish.reason}; sound where every stay lasts at least {seconds:.3g} s", ticks)
+
+
+def _relay(system: HybridSystem, reason: str) -> DecisionDesign:
+    """The relay; with a demanded rate of false alarms its release level is derived (`chatter`)."""
+    rate = system.observer.detector.false_alarm
+    if rate is None:
+        return DecisionDesign("relay", reason)
+    return DecisionDesign(
+        "relay", f"{reason}; noise alone switches a relay off and on at most {rate:g} times a second", false_alarm=rate
+    )
+
+
+def _if_right(system: HybridSystem) -> str:
+    """What to add where tolerances are stated and the decision does not allow for them."""
+    return "; it holds where the parameters are right: their tolerances are not allowed for" if system.tolerance else ""
 
 
 def _impossible(kind: Decision, why: str) -> UsageError:
@@ -161,7 +177,7 @@ def _test(system: HybridSystem, wish: DecisionWish, parts: tuple[Part, ...]) -> 
     return DecisionDesign(
         wish.kind,
         f"{wish.reason}; at most {rate:g} false alarms a second and generator, if the noise is white and Gaussian"
-        + (" and the parameters are right: no test allows for their tolerances" if system.tolerance else ""),
+        + _if_right(system),
         ticks + samples,
         rate,
         whitening,

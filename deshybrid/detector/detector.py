@@ -5,8 +5,8 @@ Out: a `TransitionDetector` whose every number is either the model's or derived 
 
 - Poles for relays and exclusion: the model's, else the default ones (`residual`), made faster until the guaranteed
   delay is half the dwell time.  Tests need white residuals (`innovation`).
-- Levels and debounce of a generator: `levels`.  Release: 1.5 times the threshold; 1 for exclusion, whose threshold is
-  above what the bounds allow already.
+- Levels and debounce of a generator: `levels`.  Release: what a demanded rate of false alarms needs (`chatter`), else
+  1.5 times the threshold; 1 for exclusion, whose threshold is above what the bounds allow already.
 - How residuals become decisions: `decision`.  How long that takes: `delays`.
 
 Source: Balluchi et al. (2012), sections 4.1 and 5.1, Figure 15.
@@ -19,6 +19,7 @@ from types import MappingProxyType
 
 from deshybrid.des.signatures import SignaturePlan
 from deshybrid.detector.bank import bank_parts, build_bank
+from deshybrid.detector.chatter import hysteresis
 from deshybrid.detector.decision import TESTS, DecisionDesign, design_decision, judged_locations, wanted_decision
 from deshybrid.detector.delays import DetectionDelay, delay_warnings, detection_delays, waiting_window
 from deshybrid.detector.designs import design_generator, white_design
@@ -174,14 +175,13 @@ def _assembled(
     by_name = {part.generator.location.name: part for part in parts}
     delays = detection_delays(system, plan, by_name, decision)
     window, reason = waiting_window(system, delays, by_name, decision)
-    release = system.observer.detector.release
     return TransitionDetector(
         system=system,
         plan=plan,
         step=step,
         generators=tuple(part.generator for part in parts),
         thresholds=tuple(part.threshold for part in parts),
-        release=(RELEASE if decision.kind == "relay" else 1.0) if release is None else release,
+        release=_release(system, parts, decision),
         on_ticks=tuple(part.on_ticks for part in parts),
         off_ticks=(1,) * len(parts),
         delays=MappingProxyType(delays),
@@ -189,6 +189,19 @@ def _assembled(
         window_reason=reason,
         decision=decision,
     )
+
+
+def _release(system: HybridSystem, parts: tuple[Part, ...], decision: DecisionDesign) -> float:
+    """What the model states, else what its rate of false alarms needs, else what is usual for the decision."""
+    stated, is_relay = system.observer.detector.release, decision.kind == "relay"
+    if not is_relay or not decision.false_alarm or not parts:
+        return (RELEASE if is_relay else 1.0) if stated is None else stated
+    needed = max(hysteresis(system, part, decision.false_alarm) for part in parts)
+    if stated is not None and stated < needed:
+        text = f"the detector's `release` is {stated:g}, and noise would switch relays more often than `false_alarm`"
+        helps = (f"leave `release` out, or write {math.ceil(1000 * needed) / 1000:g} at least",)
+        raise UsageError(diagnostic("DH0604", text, helps=helps))
+    return needed if stated is None else stated
 
 
 def _require_step(system: HybridSystem, step: float) -> None:

@@ -37,11 +37,11 @@ def white_generator(
 
     location, A, C, W = followed.location, followed.A, followed.C, followed.W
     location.noise_form.require_fixed("a statistical test of residuals", location.name)
-    V = _measurement_covariance(system, location)
+    V = measurement_covariance(system, location)
     k, R, N = len(A), W @ V @ W.T, -followed.Y @ V @ W.T
     drive = REGULAR * float(np.trace(V)) / len(V) * np.eye(k)
     Q = (
-        followed.T @ _process_covariance(system, followed, besides) @ followed.T.T
+        followed.T @ process_covariance(system, followed, besides) @ followed.T.T
         + followed.Y @ V @ followed.Y.T
         + drive
     )
@@ -54,19 +54,25 @@ def white_generator(
     return made, frozen_array((S + S.T) / 2.0, S.shape)
 
 
-def _measurement_covariance(system: HybridSystem, location: Location) -> FloatArray:
+def measurement_covariance(system: HybridSystem, location: Location) -> FloatArray:
+    """Return the covariance of the measurement errors of a location's channels, (p, p).
+
+    Raises `UsageError` (DH0614) where the model states none, or a singular one.
+    """
     covariance, bound = location.measurement_noise, system.bounds.measurement
     if covariance is None and bound is not None:
         covariance = np.diag(bound[list(location.output_index)] ** 2 / 3.0)
     if covariance is None or not len(covariance) or np.linalg.eigvalsh(covariance)[0] <= 0.0:
-        text = f"a test of the residual of location `{location.name}` needs noise on every measurement"
+        text = f"the rate of false alarms in location `{location.name}` needs noise on every measurement"
         helps = ("state `bounds: {measurement: …}` or `noise: {measurement: …}`",)
         raise UsageError(diagnostic("DH0614", text, location.span, helps=helps))
     return covariance
 
 
-def _process_covariance(system: HybridSystem, followed: Followed, besides: FloatArray | None) -> FloatArray:
-    """The covariance of what noise and disturbance do to the state in a step, (n, n)."""
+def process_covariance(
+    system: HybridSystem, followed: Followed | ResidualGenerator, besides: FloatArray | None = None
+) -> FloatArray:
+    """Return the covariance of what noise and disturbance do to the state in a step, (n, n); `besides` as noise."""
     location, dynamics, bound = followed.location, followed.dynamics, system.bounds.disturbance
     added = np.zeros_like(dynamics.A) if besides is None else _of_a_step(system, followed, besides)
     if location.process_noise is not None:
@@ -77,10 +83,10 @@ def _process_covariance(system: HybridSystem, followed: Followed, besides: Float
     return np.asarray(added + entering @ np.diag(bound**2 / 3.0) @ entering.T)
 
 
-def _of_a_step(system: HybridSystem, followed: Followed, noise: FloatArray) -> FloatArray:
+def _of_a_step(system: HybridSystem, followed: Followed | ResidualGenerator, noise: FloatArray) -> FloatArray:
     from deshybrid.linear.sampling import sample_covariance
 
     return noise if system.time_step is not None else sample_covariance(followed.dynamics.A, noise, followed.step)
 
 
-__all__ = ["white_generator"]
+__all__ = ["measurement_covariance", "process_covariance", "white_generator"]

@@ -176,7 +176,11 @@ DETECTOR = Record(
             Word(("relay", "exclusion", "sprt", "glr", "imm")),
             "how residuals become decisions; where not written, exclusion if the bounds make it possible",
         ),
-        Key("false_alarm", _POSITIVE, "false alarms that a test may give in a second for each generator, 1/s"),
+        Key(
+            "false_alarm",
+            _POSITIVE,
+            "false alarms in a second for each generator, 1/s: of a test, or of a relay, whose release follows",
+        ),
         Key(
             "confidence",
             Number(at_least=0.5, at_most=1.0 - 1e-6),

@@ -172,7 +172,7 @@ def test_thresholds_say_for_which_tolerances_they_hold_and_tests_that_they_do_no
     )
     tested = loads(MODEL.replace("step: 0.05", "step: 0.05, detector: {decision: glr}"))
     decision = build_detector(tested, compiler.recover(tested).plan, rate=1.0, step=STEP).decision
-    assert "no test allows for their tolerances" in decision.reason
+    assert "their tolerances are not allowed for" in decision.reason
 
 
 @pytest.mark.parametrize(
