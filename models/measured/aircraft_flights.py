@@ -170,8 +170,12 @@ def tune(flight: Flight, unit: float, *, evaluations: int = 200) -> dict[str, fl
         return float(_prediction(track, z) / unit + surprise + far)
 
     simplex = np.vstack((before, before + 0.5 * np.eye(len(before))))
-    limits = {"maxfev": evaluations, "xatol": 0.03, "fatol": 3e-4, "initial_simplex": simplex}
-    done = minimize(loss, before, method="Nelder-Mead", options=limits)
+    done = minimize(
+        loss,
+        before,
+        method="Nelder-Mead",
+        options={"maxfev": evaluations, "xatol": 0.03, "fatol": 3e-4, "initial_simplex": simplex},
+    )
     return dict(zip(BEFORE, np.exp(done.x).tolist(), strict=True))
 
 

@@ -231,17 +231,23 @@ def tune(day: Day, withheld: Flags, *, evaluations: int = 40) -> Tuned:
 
 def _tuned_filter(day: Day, given: Sequence[Trials], memory: float, evaluations: int) -> Numbers:
     def numbers_of(logarithms: Array) -> Numbers:
-        return Numbers(*np.exp(np.clip(logarithms, *ENDS)).tolist(), memory=memory)
+        wave, forward, reach, strength, relaxation = np.exp(np.clip(logarithms, *ENDS)).tolist()
+        return Numbers(wave, forward, reach, strength, relaxation, memory)
 
     def loss(logarithms: Array) -> float:
         numbers = numbers_of(logarithms)
         return sum(trials.rms(day, filtered(day, trials.seen, numbers)) ** 2 for trials in given)
 
-    limits = {"maxfev": evaluations, "xatol": 0.05, "fatol": 0.5}
     found = []
     for start in np.log(STARTS):
         simplex = np.vstack((start, start + 0.6 * np.eye(len(start))))
-        found.append(minimize(loss, start, method="Nelder-Mead", options={**limits, "initial_simplex": simplex}))
+        done = minimize(
+            loss,
+            start,
+            method="Nelder-Mead",
+            options={"maxfev": evaluations, "xatol": 0.05, "fatol": 0.5, "initial_simplex": simplex},
+        )
+        found.append(done)
     return numbers_of(min(found, key=lambda done: float(done.fun)).x)
 
 
