@@ -1,7 +1,8 @@
 """How wrong a number of the observer's model may be before engagements are named later than 250 ms.
 
-    python -m benchmarks.tolerance            measure, and draw
-    python -m benchmarks.tolerance draw       draw the kept points again
+    python -m benchmarks.tolerance                  measure, and draw
+    python -m benchmarks.tolerance clutch stated    measure one plant and detector anew
+    python -m benchmarks.tolerance draw             draw the kept points again
 
 In: the driveline with the paper's detector and with the one that its model states.  Out: `benchmarks/tolerance.json`,
 and curves in `docs`.
@@ -205,13 +206,13 @@ def first_late(points: Sequence[Sequence[Any]], sign: int, most: int) -> float |
     return min(bad, key=abs, default=None)
 
 
-def measure(plants: Sequence[str]) -> dict[str, dict[str, dict[str, list[Point]]]]:
+def measure(plants: Sequence[str], detectors: Sequence[str]) -> dict[str, dict[str, dict[str, list[Point]]]]:
     """Return the points by plant, detector and case."""
     found: dict[str, dict[str, dict[str, list[Point]]]] = {}
     for plant in plants:
         given: list[Drive] = []
-        for detector, path in DETECTORS.items():
-            source = read_source(path)
+        for detector in detectors:
+            source = read_source(DETECTORS[detector])
             right = compiler.design(elaborate(source))
             given = given or drives(compiler.to_hybrid(PLANTS[plant]), right.system, right.step)
             for case in CASES:
@@ -262,9 +263,13 @@ def draw_other_plant() -> bytes:
 
 
 def main(words: list[str]) -> None:
-    """Measure unless asked to draw only, then draw."""
+    """Measure the plants and detectors that are named, all where none of a kind is, unless asked to draw only; draw."""
+    kept = json.loads(POINTS.read_text(encoding="utf-8"))
     if words != ["draw"]:
-        POINTS.write_text(to_json(measure(words or ["driveline"])), encoding="utf-8")
+        plants, detectors = ([name for name in known if name in words] or [*known] for known in (PLANTS, DETECTORS))
+        for plant, found in measure(plants, detectors).items():
+            kept[plant] |= found
+        POINTS.write_text(to_json(kept), encoding="utf-8")
     for plant, points in json.loads(POINTS.read_text(encoding="utf-8")).items():
         (DOCS / f"tolerance-{plant}.svg").write_bytes(draw(points))
     (DOCS / "tolerance-other-plant.svg").write_bytes(draw_other_plant())

@@ -1,8 +1,8 @@
 """Plots of an observer at work on a trace: what was true and what was named, what decided it, outputs and states.
 
 In: plain names and arrays, row by row.  Out: SVG bytes, the same for the same values.  Needs matplotlib (extra `plot`).
-Colours: where the own location is true is blue, a wrong name is red, no name is grey.  Likelihoods and residuals are
-drawn to scale up to their level, logarithmically beyond it.
+Colours: where the own location is true is blue, a wrong name is red, no name is grey.  What exceeds twice its level is
+drawn logarithmically beyond it.
 """
 
 from collections.abc import Sequence
@@ -146,7 +146,9 @@ def _draw_panel(axes: "Axes", line: Timeline, panel: Panel) -> None:
         axes.plot(line.time, panel.values[:, column], linewidth=1.0, label=printable(name, 24))
     for level in dict.fromkeys(panel.levels):
         axes.axhline(level, color="tab:red", linestyle="--", linewidth=0.9)
-    axes.set_yscale("symlog", linthresh=max(map(abs, panel.levels)))
+    level = max(map(abs, panel.levels))
+    if (np.abs(panel.values) > 2.0 * level).any():
+        axes.set_yscale("symlog", linthresh=level)
     axes.set(ylabel=printable(panel.title, 16), ylim=(1.3 * min(0.0, *panel.levels), None))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.minorticks_off()
