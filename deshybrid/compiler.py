@@ -138,7 +138,8 @@ class Design(Explained):
             determined=self.determined,
             average=self.average,
         )
-        return document | {"excitation": [found.record() for found in self.excitations]}
+        stated = {"tolerance": dict(self.system.tolerance)} if self.system.tolerance else {}
+        return document | stated | {"excitation": [found.record() for found in self.excitations]}
 
     def __repr__(self) -> str:
         return f"<Design of {self.system.name}: exists={self.exists}, certified={self.certified}, step={self.step:g} s>"
@@ -146,6 +147,7 @@ class Design(Explained):
     def __str__(self) -> str:
         from deshybrid.continuous.certified import interval_lines
         from deshybrid.detector.excitation import excitation_lines
+        from deshybrid.detector.thresholds import tolerance_lines
 
         name = self.system.name
         if not self.exists:
@@ -159,6 +161,7 @@ class Design(Explained):
         lines += interval_lines(self.certificates, self.lower_limit)
         lines += [f"  {self.average}"] if self.average else []
         lines += excitation_lines(self.excitations, self.delay, self.gains.dwell)
+        lines += tolerance_lines(self.system)
         if self.ultimate is not None:
             bound = self.ultimate.value
             lines.append(

@@ -140,6 +140,20 @@ def largest_state(system: HybridSystem, generator: ResidualGenerator) -> FloatAr
     return np.asarray(driven + _largest_powers(generator.F) @ first)
 
 
+def tolerance_lines(system: HybridSystem) -> list[str]:
+    """Return what a design says of the tolerances of parameters, in a line; none where none are stated.
+
+    >>> from deshybrid.model.load import load
+    >>> tolerance_lines(load("models/two_tank.yaml"))
+    []
+    """
+    shares = ", ".join(f"{name} {100 * share:g} %" for name, share in system.tolerance.items())
+    text = (
+        f"  thresholds and proven delays allow for parameters that are wrong by {shares}; gains and bounds of x do not"
+    )
+    return [text] if shares else []
+
+
 def _largest_output(system: HybridSystem, x: FloatArray, u: FloatArray) -> FloatArray:
     """Return a bound on |y| over all locations, (p,) of the system; a channel that a location lacks is taken as 0."""
     y = np.zeros(len(system.output_names))
@@ -194,5 +208,6 @@ __all__ = [
     "measurement_bound",
     "settling_ticks",
     "steady_bound",
+    "tolerance_lines",
     "unmodelled",
 ]

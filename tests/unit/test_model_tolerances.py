@@ -175,6 +175,15 @@ def test_thresholds_say_for_which_tolerances_they_hold_and_tests_that_they_do_no
     assert "their tolerances are not allowed for" in decision.reason
 
 
+def test_a_design_tells_its_tolerances_in_text_and_json() -> None:
+    from deshybrid import compiler
+
+    made = compiler.design(loads(MODEL))
+    assert made.document()["tolerance"] == {"k": 0.3, "m": 0.05, "gain": 0.02, "lift": 0.5}
+    assert "wrong by k 30 %, m 5 %, gain 2 %, lift 50 %" in str(made)
+    assert "tolerance" not in compiler.design("models/two_tank.yaml").document()
+
+
 @pytest.mark.parametrize(
     ("old", "new", "code"),
     [
