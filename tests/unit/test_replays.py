@@ -24,10 +24,10 @@ from deshybrid.simulate.replay import replay
 from deshybrid.simulate.trace import Trace, parse_trace, write_trace
 
 TANK = "models/two_tank.yaml"
-KINDS = ("relay", "exclusion", "sprt", "glr")
+KINDS = ("relay", "exclusion", "sprt", "glr", "imm")
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=5)
 def observer(kind: str) -> HybridObserver:
     """That of the driveline with some decision; exclusion needs the tank, where it can be had."""
     system = dh.load(TANK if kind == "exclusion" else "models/balluchi2012/driveline.yaml")
@@ -39,7 +39,7 @@ def observer(kind: str) -> HybridObserver:
     return made
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=5)
 def drive(kind: str) -> Trace:
     made = observer(kind)
     return simulate(made.system, duration=8.0, step=made.step_seconds, seed=3).trace
@@ -112,6 +112,19 @@ def test_the_probability_ratio_adds_up_until_it_decides() -> None:
             assert shown == pytest.approx(total, rel=1e-6, abs=1e-6)
             if not lower < total < upper:
                 total = 0.0
+
+
+def test_the_probabilities_of_all_locations_sum_to_one_and_accept_from_the_confidence_on() -> None:
+    made, trace = observer("imm"), drive("imm")
+    found = replay_judged(made, trace)[1]
+    assert {judged.location for judged in found} == {location.name for location in made.system.locations}
+    np.testing.assert_allclose(sum(judged.values[:, 0] for judged in found), 1.0, rtol=1e-9)
+    for judged in found:
+        doubt, confidence = judged.scale.levels
+        accepted = False
+        for value, shown in zip(judged.values[:, 0], judged.active, strict=True):
+            accepted = bool(value >= (doubt if accepted else confidence))
+            assert shown == accepted  # without a debounce
 
 
 @pytest.mark.parametrize("kind", KINDS)
