@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deshybrid.compiler import compile, recover
+from deshybrid.compiler import compile, design, recover
 from deshybrid.model.load import load
 from deshybrid.simulate.execution import simulate
 from deshybrid.simulate.replay import replay
@@ -93,11 +93,16 @@ def test_the_torsion_of_the_open_driveline_is_a_fixed_mode(compilation):
 
 
 def test_its_certificates_hold_for_the_stated_dwell_time_with_the_delay_of_the_detector(compilation):
-    design = compilation.design
-    assert design.certified
-    assert {certificate.theorem for certificate in design.certificates} >= {"B12-6", "B12-7"}
-    assert 0.0 < design.delay < 0.9
-    assert all(threshold.guaranteed for threshold in design.detector.thresholds)
+    found = compilation.design
+    assert found.certified
+    assert {certificate.theorem for certificate in found.certificates} >= {"B12-6", "B12-7"}
+    assert 0.0 < found.delay < 0.9
+
+
+def test_the_levels_of_its_relays_are_above_what_the_bounds_allow():
+    relays = design("models/balluchi2012/driveline_relay.yaml").detector
+    assert relays.decision.kind == "relay"
+    assert all(threshold.guaranteed for threshold in relays.thresholds)
 
 
 def test_the_drive_engages_at_least_ten_gears_and_reverse_and_keeps_every_dwell_time(execution):
