@@ -173,6 +173,22 @@ def _chain(system: HybridSystem, owner: list[int], step: float) -> FloatArray:
     return frozen_array(chain, chain.shape)
 
 
+def shortest_stay(system: HybridSystem) -> float | None:
+    """Return the dwell time that the model states, in s: that of the observer, else the shortest of a location.
+
+    >>> from deshybrid.model.load import load
+    >>> shortest_stay(load("models/balluchi2012/driveline.yaml"))
+    0.9
+    """
+    stays = [location.dwell.min for location in system.locations if location.dwell.min]
+    return system.observer.dwell or min(stays, default=None)
+
+
+def assumed_window(system: HybridSystem) -> float:
+    """Return how long a name may take, in s: half of the shortest stay, or of the shortest mean one."""
+    return (shortest_stay(system) or min(system.observer.detector.stay.values())) / 2.0
+
+
 def _mean_stay(system: HybridSystem, location: Location) -> float:
     stated = system.observer.detector.stay.get(location.name)
     shortest = location.dwell.min or system.observer.dwell
@@ -183,4 +199,4 @@ def _mean_stay(system: HybridSystem, location: Location) -> float:
     return stated if stated is not None else STAYS * float(shortest or 0.0)
 
 
-__all__ = ["Bank", "bank_parts", "build_bank"]
+__all__ = ["Bank", "assumed_window", "bank_parts", "build_bank", "shortest_stay"]

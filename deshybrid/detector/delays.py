@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deshybrid.des.signatures import Signature, SignaturePlan
+from deshybrid.detector.bank import assumed_window
 from deshybrid.detector.candidates import alternatives
 from deshybrid.detector.decision import DecisionDesign
 from deshybrid.detector.levels import Part, settling
@@ -127,9 +128,7 @@ def waiting_window(
 ) -> tuple[float, str]:
     """Return the window Δ in seconds and where it comes from; it is no shorter than the time of exclusion."""
     if decision.kind == "imm" and system.observer.detector.window is None:
-        stay = system.observer.dwell or min(filter(None, (q.dwell.min for q in system.locations)), default=None)
-        if stay:
-            return stay / 2.0, "half of the shortest stay, assumed"
+        return assumed_window(system), "half of the shortest stay, assumed"
     least = max((decision.exclude_ticks * part.generator.step for part in parts.values()), default=0.0)
     if decision.is_test and system.observer.detector.window is None:
         return least, "the time in which the transient of an entry fades"

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from deshybrid.des.signatures import SignaturePlan
-from deshybrid.detector.bank import bank_parts, build_bank
+from deshybrid.detector.bank import bank_parts, build_bank, shortest_stay
 from deshybrid.detector.chatter import hysteresis
 from deshybrid.detector.decision import TESTS, DecisionDesign, design_decision, judged_locations, wanted_decision
 from deshybrid.detector.delays import DetectionDelay, delay_warnings, detection_delays, waiting_window
@@ -101,7 +101,7 @@ def build_detector(
     transition detector of pump: residuals of on, window 2.5 s, decision by relay
     """
     _require_step(system, step)
-    dwell = _shortest_stay(system) if dwell is None else dwell
+    dwell = shortest_stay(system) if dwell is None else dwell
     wish = wanted_decision(system)
     bank = build_bank(system, step=step) if wish.kind == "imm" and not system.is_discrete and plan.signatures else None
     parts = (
@@ -210,12 +210,6 @@ def _require_step(system: HybridSystem, step: float) -> None:
     if system.time_step is not None and not math.isclose(step, system.time_step):
         message = f"the step is {step:g} s, but the model is in discrete time with a step of {system.time_step:g} s"
         raise UsageError(diagnostic("DH0601", message))
-
-
-def _shortest_stay(system: HybridSystem) -> float | None:
-    """The dwell time that the model states, as a scale of time for the default poles."""
-    stays = [location.dwell.min for location in system.locations if location.dwell.min]
-    return system.observer.dwell or min(stays, default=None)
 
 
 __all__ = ["TransitionDetector", "build_detector"]

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from scipy.stats import multivariate_t
 
 from deshybrid.compiler import compile
-from deshybrid.detector.bank import build_bank
+from deshybrid.detector.bank import assumed_window, build_bank
 from deshybrid.diagnostics import ModelError, UsageError
 from deshybrid.linear.arrays import FloatArray
 from deshybrid.model.load import load, loads
@@ -158,6 +158,12 @@ def test_a_location_is_named_from_the_confidence_on_and_doubted_below_one_half()
         assert state.relay == (*(c >= (0.5 if on else 0.95) for c, on in zip(chances, before, strict=False)), False)
         named.append(estimate.location)
     assert {"free", "held", "pushed"} <= set(named)
+
+
+def test_a_name_is_waited_for_half_of_a_stay_where_nothing_else_is_stated() -> None:
+    assert assumed_window(cart()) == 0.5
+    unbounded = cart(**{", dwell: {min: 1}": "", "  dwell: 1\n": "", "{held: 3}": "{free: 6, held: 3, pushed: 4}"})
+    assert assumed_window(unbounded) == 1.5
 
 
 @pytest.mark.parametrize(
