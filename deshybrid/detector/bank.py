@@ -81,7 +81,7 @@ def build_bank(system: HybridSystem, *, step: float) -> Bank:
     ]
     whitening = tuple(whitening_of(covariance) for _, covariance in made)
     volumes = np.array([float(np.prod(np.diag(white))) for white in whitening])
-    q = len(system.output_names)
+    q = len(system.locations[0].output_index)
     power = (q + 1) // 2 + LEAST_FREEDOM // 2
     return Bank(
         generators=tuple(generator for generator, _ in made),
