@@ -169,7 +169,9 @@ class _Shifted:
         whole = np.broadcast_to(np.eye(len(walk[0].matrix)), (len(T), *walk[0].matrix.shape))
         for reset, more in zip(walk, extra, strict=True):
             whole = reset.matrix @ self.flows(reset.source, self.stay(reset.source, T + more)) @ whole
-        return np.asarray(np.abs(np.linalg.eigvals(whole)).max(axis=1))
+        finite = np.asarray(np.isfinite(whole).all(axis=(1, 2)))  # what has outgrown all numbers grows
+        radii = np.abs(np.linalg.eigvals(np.where(finite[:, None, None], whole, 0.0))).max(axis=1)
+        return np.asarray(np.where(finite, radii, np.inf))
 
     def slowest(self) -> float:
         """Twenty times the slowest time constant, 1 s where nothing decays."""

@@ -31,7 +31,7 @@ from deshybrid.detector.innovation import white_generator
 from deshybrid.detector.levels import Part, white_part
 from deshybrid.detector.residual import Followed, ResidualGenerator, sampled_dynamics
 from deshybrid.detector.sequential import whitening_of
-from deshybrid.diagnostics import UsageError, diagnostic
+from deshybrid.diagnostics import Span, UsageError, diagnostic
 from deshybrid.linear.arrays import FloatArray, frozen_array
 from deshybrid.model.system import HybridSystem, Location
 
@@ -110,15 +110,15 @@ def _require_one_state(system: HybridSystem) -> None:
     first = system.locations[0]
     for location in system.locations:
         if (location.input_index, location.output_index) != (first.input_index, first.output_index):
-            raise _impossible(f"`{location.name}` and `{first.name}` have different channels", location)
+            raise _impossible(f"`{location.name}` and `{first.name}` have different channels", location.span)
     for transition in system.transitions:
         if transition.reset is not None and not transition.reset.changes_nothing:
-            raise _impossible(f"the transition from `{transition.source}` to `{transition.target}` resets the state")
+            why = f"the transition from `{transition.source}` to `{transition.target}` resets the state"
+            raise _impossible(why, transition.span)
 
 
-def _impossible(why: str, location: Location | None = None) -> UsageError:
-    text = f"the detector cannot decide by imm: {why}"
-    return UsageError(diagnostic("DH0614", text, None if location is None else location.span))
+def _impossible(why: str, span: Span | None = None) -> UsageError:
+    return UsageError(diagnostic("DH0614", f"the detector cannot decide by imm: {why}", span))
 
 
 def _predictor(
@@ -127,7 +127,7 @@ def _predictor(
     """The stationary Kalman predictor of the whole state, and the covariance of its residual."""
     dynamics = location.dynamics
     if dynamics is None or not dynamics.C.any():
-        raise _impossible(f"location `{location.name}` measures nothing", location)
+        raise _impossible(f"location `{location.name}` measures nothing", location.span)
     sampled = sampled_dynamics(system, dynamics, step)
     n, p = len(sampled.A), len(dynamics.C)
     whole = Followed(
@@ -147,7 +147,9 @@ def _predictor(
     try:
         made, covariance = white_generator(system, whole, besides=noise)
     except np.linalg.LinAlgError as error:
-        raise _impossible(f"a part of the state of `{location.name}` grows and no output shows it", location) from error
+        raise _impossible(
+            f"a part of the state of `{location.name}` grows and no output shows it", location.span
+        ) from error
     design = "Kalman predictor after an entry" if entry else "Kalman predictor of interacting filters"
     return replace(held_back(system, made), design=design), covariance
 
@@ -194,7 +196,7 @@ def _mean_stay(system: HybridSystem, location: Location) -> float:
     shortest = location.dwell.min or system.observer.dwell
     if stated is None and not shortest:
         raise _impossible(
-            f"location `{location.name}` has no mean stay (`stay`) and no shortest one (`dwell`)", location
+            f"location `{location.name}` has no mean stay (`stay`) and no shortest one (`dwell`)", location.span
         )
     return stated if stated is not None else STAYS * float(shortest or 0.0)
 

@@ -89,6 +89,9 @@ def _delay(
     rivals = _rivals(plan, signature, tuple(parts))
     shown = ", ".join(f"`{name}`" for name in rivals)
     excitation = f"the residuals of {shown} must have left their release level, which needs x or u away from rest"
+    if decision.kind == "imm":
+        reason = "interacting filters are sure after a random number of samples, which has no bound"
+        return DetectionDelay(None, reason, excitation if rivals else "")
     if signature.by == "negation":
         reason = "a negation appears when the other residuals become large; nothing bounds that time at x = 0, u = 0"
         return DetectionDelay(None, reason, excitation if rivals else "")

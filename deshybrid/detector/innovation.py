@@ -63,7 +63,7 @@ def measurement_covariance(system: HybridSystem, location: Location) -> FloatArr
     if covariance is None and bound is not None:
         covariance = np.diag(bound[list(location.output_index)] ** 2 / 3.0)
     if covariance is None or not len(covariance) or np.linalg.eigvalsh(covariance)[0] <= 0.0:
-        text = f"the rate of false alarms in location `{location.name}` needs noise on every measurement"
+        text = f"the detector of location `{location.name}` needs noise on every measurement"
         helps = ("state `bounds: {measurement: …}` or `noise: {measurement: …}`",)
         raise UsageError(diagnostic("DH0614", text, location.span, helps=helps))
     return covariance

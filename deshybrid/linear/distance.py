@@ -29,6 +29,7 @@ from deshybrid.linear.subspaces import RANK_TOLERANCE
 
 Indices: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]
 HALVINGS = 200
+LARGEST = 1e60  # of a response in its units; squares of it still have room in doubles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +85,9 @@ def distance(
     columns = tuple(dict.fromkeys(inputs[0] + inputs[1]))
     scale = units.output[[channel for channel in outputs[0] if channel in outputs[1]]]
     n, m = len(first.A), len(columns)
-    shown, rival = _responses(first, step, samples, scale), _responses(second, step, samples, scale)
+    shown, rival = _before_overflow(
+        _responses(first, step, samples, scale), _responses(second, step, samples, scale), samples
+    )
     own, taken = shown[:, :n] * units.state, rival[:, : len(second.A)]
     taken = taken * units.state if taken.shape[1] == n else taken
     left = np.hstack([own, (shown[:, n:-1] - rival[:, len(second.A) : -1]) * units.input[list(columns)]])
@@ -113,10 +116,19 @@ def _responses(dynamics: LinearDynamics, step: float | None, samples: int, scale
     inside[n:, n:] = np.eye(m + 1)
     rows = np.hstack([sampled.C, sampled.D, sampled.g[:, None]]) / scale[:, None]
     found = np.zeros((samples, len(scale), n + m + 1))
-    for k in range(samples):
-        found[k] = rows
-        rows = rows @ inside
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(samples):
+            found[k] = rows
+            rows = rows @ inside
     return found.reshape(-1, n + m + 1)
+
+
+def _before_overflow(first: FloatArray, second: FloatArray, samples: int) -> tuple[FloatArray, FloatArray]:
+    """The samples before anything has grown beyond LARGEST, one at least: what is unstable ends the window."""
+    within = [(np.abs(rows) <= LARGEST).reshape(samples, -1).all(axis=1) for rows in (first, second)]
+    beyond = np.flatnonzero(~(within[0] & within[1]))
+    kept = max(1, int(beyond[0])) if len(beyond) else samples
+    return first[: kept * (len(first) // samples)], second[: kept * (len(second) // samples)]
 
 
 def least_on_sphere(matrix: FloatArray, constant: FloatArray) -> FloatArray:
