@@ -117,6 +117,16 @@ def _context(tables: StepTables, prefix: str, real: Real, origin: Provenance) ->
         "online": None if tables.online is None else layout(tables.online),
         "window_ticks": tables.window_ticks,
         "command_slack": tables.command_slack,
+        **_decision(tables, real),
+        "largest": c_real(reference.LARGEST, real),
+        "entry_rows": [_entry_row(entered, len(tables.location_names)) for entered in rows],
+        "vectors": [_vector(vector, rows[vector.entry_estimate], real) for vector in vectors],
+    }
+
+
+def _decision(tables: StepTables, real: Real) -> dict[str, object]:
+    """How residuals become decisions."""
+    return {
         "decision": tables.decision.kind,
         "supervised": tables.decision.kind != "relay",
         "evidence": evidence_size(tables),
@@ -124,9 +134,6 @@ def _context(tables: StepTables, prefix: str, real: Real, origin: Provenance) ->
         "bank": _bank(tables, real),
         "exclude_ticks": tables.decision.exclude_ticks,
         "patience_ticks": tables.decision.patience_ticks,
-        "largest": c_real(reference.LARGEST, real),
-        "entry_rows": [_entry_row(entered, len(tables.location_names)) for entered in rows],
-        "vectors": [_vector(vector, rows[vector.entry_estimate], real) for vector in vectors],
     }
 
 
